@@ -63,6 +63,10 @@ pub struct GapBlock {
     pub gate_was_open: bool,
     /// The voltage was above 70 % when the block began.
     pub was_high: bool,
+    /// Rises of the comparator for 20 % of the open-circuit voltage since the block before.
+    pub low_rises: u8,
+    /// The voltage was above 20 % when the block had ended.
+    pub above_low: bool,
 }
 
 impl GapBlock {
@@ -82,6 +86,8 @@ impl GapBlock {
         high_edges: Edges::NONE,
         gate_was_open: false,
         was_high: false,
+        low_rises: 0,
+        above_low: false,
     };
 }
 

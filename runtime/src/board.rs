@@ -39,6 +39,8 @@ pub struct Pulse {
 pub trait Tunable: GapSource {
     /// Runs other settings from the next block on, without a bump.
     fn retune(&mut self, active: &voltage::Active);
+    /// Pulses are permitted, or not.
+    fn permit(&mut self, permitted: bool);
     /// Looks at a part of the settings: false once they have changed by themselves.
     fn is_intact(&mut self) -> bool;
     /// One of the [`voltage::SLOW`] words, in turn, and which it is.
@@ -54,6 +56,11 @@ pub trait Tunable: GapSource {
 impl Tunable for voltage::Voltage {
     fn retune(&mut self, active: &voltage::Active) {
         voltage::Voltage::retune(self, *active);
+    }
+
+    #[inline(always)]
+    fn permit(&mut self, permitted: bool) {
+        voltage::Voltage::permit(self, permitted);
     }
 
     #[inline]

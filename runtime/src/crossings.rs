@@ -60,6 +60,8 @@ pub struct Signals {
     pub short_ticks: Word,
     /// Electrode and work touch, with pulses off: 1, else 0.
     pub touches: Word,
+    /// The servo task permits pulses: 1, else 0.
+    pub permitted: Word,
     /// SYNCs that have come.
     pub syncs: Counter,
     /// Bytes of a SYNC as the node is configured: any other is none.
@@ -115,6 +117,7 @@ impl Signals {
             second: Flag::new(),
             short_ticks: Word::new(0),
             touches: Word::new(0),
+            permitted: Word::new(0),
             syncs: Counter::new(),
             sync_length: Word::new(0),
             overruns: Counter::new(),

@@ -31,6 +31,7 @@ impl<B: Board> Gap<B> {
     pub fn block(&mut self) {
         let begin = self.clock.now();
         self.blocks.block(&mut self.block);
+        self.source.permit(self.signals.permitted.load() != 0);
         let reading = self.source.update(self.block.as_ref());
         self.reading.write(|slot| *slot = reading);
         if self.block.is_some() {

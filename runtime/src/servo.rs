@@ -446,6 +446,7 @@ impl<B: Board> Servo<B> {
             self.lines.stop();
         }
         self.generator.set_pulses(output.pulses);
+        self.signals.permitted.store(output.pulses.into());
         self.lines.settle(forced);
     }
 

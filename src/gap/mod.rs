@@ -10,6 +10,7 @@ mod blend;
 pub mod charging;
 pub mod controlled;
 mod gated;
+mod gates;
 pub mod likelihood;
 mod open_circuit;
 mod pulse_watch;
@@ -20,7 +21,7 @@ pub mod teach;
 pub mod voltage;
 
 pub use open_circuit::OpenCircuit;
-pub use pulse_watch::{PulseFault, PulseSeen, PulseWatch};
+pub use pulse_watch::{PulseFault, PulseSeen, PulseWatch, Sight};
 pub use surrogate::{Config as SurrogateConfig, Surrogate};
 pub use voltage::Voltage;
 
@@ -59,7 +60,7 @@ pub struct GapReading {
     /// The block has no gate and almost no voltage: with pulses off, the sense supply shows that electrode and work touch.
     /// Never where no sense supply is fitted.
     pub touches: bool,
-    /// Servo ticks for which every gated block was a short, without interruption; off-time neither adds nor ends a run
+    /// Servo ticks for which the gap was short, without interruption; off-time neither begins nor ends a run
     /// but counts as time once the run has begun, up to the hold limit: a generator that suspends its pulses after
     /// shorts (Roberts) must not lengthen the run. Unfiltered: this is the fast path to a retreat.
     pub short_ticks: u32,

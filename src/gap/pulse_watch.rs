@@ -3,12 +3,33 @@
 //! The reflex hears of a pulse by a branch of the gate line of its own, and judges it by a converter of its own. Where
 //! either is dead, nothing looks different until a short lasts. So what parts of the hardware count is compared once a
 //! millisecond: edges of the gate, conversions that those pulses have started, and shorts that the reflex has found against
-//! those that the fixed-rate voltage shows. (The fixed-rate converter sees a short only where the reflex does not end its
-//! pulses first, or where they are long.) And what is converted must not stand still: a signal always has noise.
+//! those that the gap voltage shows. And what is converted must not stand still: a signal always has noise.
 //!
-//! The comparators of the gap voltage judge nothing. Pulses of which one shows no edge are counted, for the host.
+//! The reflex wants a current, and not every generator gives one: a capacitor that is drained before the reflex looks has none, in a
+//! short as in a spark. So what it sees of pulses that burn is learned: a generator *gives* a current once more looks at such pulses have found
+//! one, by [`PulseWatch::GIVES`]. Of one that does not, a short without a current is none for the reflex, and its retreat is
+//! that of the gap voltage. With other settings it is another generator, perhaps.
+//!
+//! Pulses of which a comparator of the gap voltage shows no edge are counted, for the host.
 
 use edm_hal_shim::reflex::{EDGE_COUNT, PulseCounts};
+
+/// What the reflex sees a pulse by, converter codes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sight {
+    /// Gap current from which it counts as flowing.
+    pub current: u16,
+    /// Lowest and highest gap voltage with which a pulse is no short.
+    pub voltage: [u16; 2],
+    /// Lowest and highest gap voltage with which it has not ignited.
+    pub open: [u16; 2],
+}
+
+impl Sight {
+    fn is_within(code: u16, [lowest, highest]: [u16; 2]) -> bool {
+        lowest <= code && code <= highest
+    }
+}
 
 /// What is known of the pulses beside their counts.
 #[derive(Clone, Copy, Debug)]
@@ -17,8 +38,10 @@ pub struct PulseSeen {
     pub permitted: bool,
     /// It matters that there are none otherwise: the head is enabled.
     pub watched: bool,
-    /// The fixed-rate voltage has shown nothing but short since the last look.
+    /// The gap voltage has shown nothing but short since the last look.
     pub short: bool,
+    /// What the reflex sees it by.
+    pub sight: Sight,
 }
 
 /// What the counts say.
@@ -38,6 +61,12 @@ pub struct PulseWatch {
     unconverted: u32,
     /// Pulses in shorts of which the reflex found none.
     unfound: u32,
+    /// Looks at pulses that burned with a current, less those without one, and what that was learned by.
+    flows: i32,
+    gives: bool,
+    sight: Sight,
+    /// The look before saw a short, and the reflex a voltage.
+    apart: bool,
     /// There was an edge of the gate since the look before.
     gate_seen: bool,
     /// Looks in a row that have found pulses without permission.
@@ -57,6 +86,8 @@ impl PulseWatch {
     /// Looks with the same code that are enough. A converter whose noise is a quarter of a code, which is less than the data
     /// sheet of any has, gives the same code twice with 91 %, and so often never.
     const SAME: u32 = 400;
+    /// Looks at pulses that burn by which more had a current than had none: with an arc in ten pulses of a sinker a tenth of a second.
+    const GIVES: i32 = 8;
     /// Pulses without an edge of a comparator that are enough.
     const UNSHOWN: u32 = 1000;
 
@@ -99,11 +130,20 @@ impl PulseWatch {
         // no concern of the reflex.
         let more = self.unconverted.saturating_add(pulses).saturating_sub(2 * conversions);
         self.unconverted = if seen.permitted { more } else { 0 };
-        self.unfound = match (shorts, seen.short && seen.permitted) {
-            (0, true) => self.unfound.saturating_add(pulses),
-            (0, false) => self.unfound,
+        self.learn(&counts, &seen, conversions > 0 && seen.permitted);
+        let short = seen.short && seen.permitted;
+        let [current, voltage] = counts.newest;
+        let low = !Sight::is_within(voltage, seen.sight.voltage);
+        self.unfound = match shorts {
+            0 if !short => self.unfound,
+            // One that is over: the newest pulse may have come after it.
+            0 if !low && !self.apart => self.unfound,
+            // It sees the short, and that no current flows.
+            0 if low && current < seen.sight.current && !self.gives => 0,
+            0 => self.unfound.saturating_add(pulses),
             _ => 0,
         };
+        self.apart = short && !low;
         let stray = seen.watched && !seen.permitted && pulses > 0;
         self.unpermitted = if stray { self.unpermitted.saturating_add(1) } else { 0 };
 
@@ -118,6 +158,20 @@ impl PulseWatch {
             None
         }
     }
+
+    /// Learns of the newest pulse, if there is one, whether this generator gives a current.
+    fn learn(&mut self, counts: &PulseCounts, seen: &PulseSeen, new: bool) {
+        if self.sight != seen.sight {
+            // Another generator, perhaps.
+            (self.sight, self.flows, self.gives) = (seen.sight, 0, false);
+        }
+        let [current, voltage] = counts.newest;
+        if new && !Sight::is_within(voltage, self.sight.open) {
+            let more = self.flows.saturating_add(if current >= self.sight.current { 1 } else { -1 });
+            self.flows = more.clamp(-Self::GIVES, Self::GIVES);
+            self.gives |= self.flows >= Self::GIVES;
+        }
+    }
 }
 
 // A look finds more pulses than are enough before the counts wrap.
@@ -127,7 +181,9 @@ const _: () = assert!(EDGE_COUNT == 256 && PulseWatch::PULSES < EDGE_COUNT / 4);
 mod tests {
     use super::*;
 
-    const WORK: PulseSeen = PulseSeen { permitted: true, watched: true, short: false };
+    /// 1 A; 20 V and 70 V of 0.1 V a code.
+    const SIGHT: Sight = Sight { current: 2110, voltage: [610, 4095], open: [1110, 4095] };
+    const WORK: PulseSeen = PulseSeen { permitted: true, watched: true, short: false, sight: SIGHT };
     const SHORT: PulseSeen = PulseSeen { short: true, ..WORK };
 
     /// Looks until a fault, with so many edges, conversions and shorts in each; gives the looks that it took, of 1000.
@@ -141,7 +197,7 @@ mod tests {
                 conversions: of(conversions, from.conversions),
                 shorts: of(shorts, from.shorts),
                 comparators: [of(edges, from.edges); 2],
-                newest: [n as u16; 2],
+                newest: [3000 + n as u16 % 7, if seen.short { 420 + n as u16 % 5 } else { n as u16 }],
             };
             watch.look(counts, seen).map(|fault| (n, fault))
         })
@@ -179,7 +235,7 @@ mod tests {
         let mut edges = 0u8;
         let mut look = |watch: &mut PulseWatch, seen, shorts| {
             edges = edges.wrapping_add(10);
-            let newest = [edges.into(); 2];
+            let newest = [3000 + u16::from(edges), 420 + u16::from(edges / 10 % 8)];
             watch.look(PulseCounts { edges, conversions: edges / 2, shorts, newest, ..PulseCounts::default() }, seen)
         };
         for _ in 0..3 {
@@ -190,6 +246,58 @@ mod tests {
         assert_eq!(look(&mut watch, SHORT, 0), Some(PulseFault::Unseen));
         assert_eq!(look(&mut other, WORK, 1), None);
         assert_eq!(look(&mut other, SHORT, 1), None);
+    }
+
+    /// So many looks at five pulses each that burn or are short at these codes, with a little noise; the fault and its look.
+    fn burning(
+        watch: &mut PulseWatch,
+        looks: u16,
+        [current, voltage]: [u16; 2],
+        shorts: u8,
+        seen: PulseSeen,
+    ) -> Option<u16> {
+        let from = watch.last;
+        (1..=looks).find(|n| {
+            let add = |to: u8, each: u8| to.wrapping_add(each.wrapping_mul(*n as u8));
+            let counts = PulseCounts {
+                edges: add(from.edges, 10),
+                conversions: add(from.conversions, 5),
+                shorts: add(from.shorts, shorts),
+                comparators: [add(from.edges, 10); 2],
+                newest: [current + n % 3, voltage + n % 3],
+            };
+            watch.look(counts, seen) == Some(PulseFault::Unseen)
+        })
+    }
+
+    /// Codes of 6 A and of none, of 40, 28 and 1 V.
+    const FLOWS: u16 = 2420;
+    const NONE: u16 = 2046;
+    const SPARK: u16 = 810;
+    const ARC: u16 = 690;
+    const TOUCH: u16 = 420;
+
+    #[test]
+    fn a_drained_capacitor_gives_the_reflex_nothing_and_that_is_no_fault() {
+        let mut watch = PulseWatch::default();
+        assert_eq!(burning(&mut watch, 1000, [NONE, TOUCH], 0, SHORT), None, "at once");
+        assert_eq!(burning(&mut watch, 1000, [NONE, SPARK], 0, WORK), None);
+        assert_eq!(burning(&mut watch, 1000, [NONE, TOUCH], 0, SHORT), None);
+        // It sees the voltage of a short as one that is none: its own sense of the voltage is wrong.
+        assert_eq!(burning(&mut watch, 10, [NONE, SPARK], 0, SHORT), Some(5));
+    }
+
+    #[test]
+    fn a_generator_that_gives_a_current_and_none_in_a_short_has_lost_its_sensor() {
+        for burns in [ARC, SPARK, TOUCH] {
+            let mut watch = PulseWatch::default();
+            assert_eq!(burning(&mut watch, 100, [FLOWS, burns], 1, WORK), None);
+            assert_eq!(burning(&mut watch, 1000, [NONE, burns], 0, WORK), None, "what burns may be small");
+            // With other settings it is another generator, perhaps.
+            let other = PulseSeen { sight: Sight { current: 2300, ..SIGHT }, ..SHORT };
+            assert_eq!(burning(&mut { watch }, 100, [NONE, TOUCH], 0, other), None);
+            assert_eq!(burning(&mut watch, 100, [NONE, TOUCH], 0, SHORT), Some(4));
+        }
     }
 
     /// Looks, five pulses in each; gives the look that found a fault, of 10 000, and what the comparators had not shown then.

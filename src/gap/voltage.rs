@@ -4,12 +4,13 @@
 //! off-time drags it down: at 50 % on-time and 100 V it cannot exceed 50 V. *Gated* averages on-time only
 //! (`gated.rs`). All of it runs in converter codes and is scaled to volts once, at the end.
 //!
-//! Shorts are judged block by block before the filters, which are 2 to 3 ms late. Only gated conversions are judged,
-//! because off-time reads 0 V as a short does. A machine whose gate is not wired reports every conversion as gated:
-//! its short run must be set longer than its off-time.
+//! Shorts are judged block by block before the filters, which are 2 to 3 ms late: by the low comparator, at any on-time and off-time
+//! (`gates.rs`), and by gated conversions, because off-time reads 0 V as a short does. A generator without a gate is judged by all
+//! conversions while it has permission; its voltage may need [`Config::charging`] to rise.
 
 use super::blend::Blend;
 use super::gated::{Gated, PER_BLOCK};
+use super::gates::Gates;
 use super::pulses::{Boundaries, BoundaryConfig, Fit, PulseStream, Seen};
 use super::senses::delays::{self, Delays};
 use super::teach::Shown;
@@ -59,6 +60,12 @@ pub struct Config {
     /// Fewest gated conversions by which a block is judged a short or not, 1..=25. Voltage needs a few microseconds to
     /// rise at the start of a pulse.
     pub min_gated: u32,
+    /// Pulses in a row without a voltage that are a short, 1..=1000; more where a healthy gap has many.
+    pub shorts: u32,
+    /// Time of a short that this is worth, 0..=0.1 s.
+    pub worth: Seconds,
+    /// Time constant with which the voltage rises, 0..=0.0002 s.
+    pub charging: Seconds,
     /// A block without a gate whose mean is closer to 0 V than this is a contact, 0..=300 V; 0: contact is not sensed.
     pub contact: Volts,
     /// Longest time without a gated conversion before the gate counts as missing, and without a judged block before a run of shorts is
@@ -88,6 +95,9 @@ impl Default for Config {
             short: Volts(20.0),
             contact: Volts(0.0),
             min_gated: 3,
+            shorts: 5,
+            worth: Seconds(1e-3),
+            charging: Seconds(0.5e-6),
             hold_limit: Seconds(0.02),
             reversed: Volts(20.0),
             good: CodeRange { lowest: 1, highest: ADC_FULL_SCALE - 1 },
@@ -117,6 +127,10 @@ impl Config {
             short: short / volts_per_code,
             contact: in_range("contact threshold (V)", self.contact.0, 0.0, 300.0)? / volts_per_code,
             min_gated: in_range("fewest gated conversions", self.min_gated as f32, 1.0, 25.0)? as u32,
+            shorts: in_range("shorts in a row", self.shorts as f32, 1.0, 1000.0)? as u32,
+            worth: Seconds(in_range("worth of shorts in a row (s)", self.worth.0, 0.0, 0.1)?).ticks(),
+            slow: (in_range("charging time constant (s)", self.charging.0, 0.0, 2e-4)? * (3.0 / TICK_S)).max(SLOW_TICKS)
+                as u32,
             hold_limit: Seconds(in_range("hold limit (s)", self.hold_limit.0, 0.001, 10.0)?).ticks(),
             reversed: Volts(-in_range("reversed threshold (V)", self.reversed.0, 1.0, 300.0)?),
             good: self.good,
@@ -127,6 +141,8 @@ impl Config {
     }
 }
 
+/// Ticks without a voltage, at least, after which a generator without a gate is short: 200 us.
+const SLOW_TICKS: f32 = 4.0;
 /// Ticks in which swapped leads show 0 V at least once: 2 ms, two periods of the slowest pulses of \[R\].
 const OFF_TIME: u32 = 2 * TICKS_PER_MS;
 
@@ -155,7 +171,10 @@ pub struct Active {
     /// Codes; 0 where contact is not sensed.
     contact: f32,
     min_gated: u32,
+    shorts: u32,
     /// Ticks.
+    worth: u32,
+    slow: u32,
     hold_limit: u32,
     /// Negative.
     reversed: Volts,
@@ -168,7 +187,7 @@ pub struct Active {
 
 // A part of a word or two: the servo tick may have to wait for the gap task.
 parts!(it: Active {
-    average, zero_code, scale, filter, short, contact, min_gated, hold_limit, reversed, good, clipped_share,
+    average, zero_code, scale, filter, short, contact, min_gated, shorts, worth, slow, hold_limit, reversed, good, clipped_share,
     fade, pulses,
 } by
     [it.average, it.zero_code],
@@ -176,6 +195,7 @@ parts!(it: Active {
     [it.short],
     [it.contact],
     [it.min_gated, it.hold_limit],
+    [it.shorts, it.worth, it.slow],
     [it.reversed.0],
     [it.good],
     [it.clipped_share, it.fade],
@@ -213,6 +233,9 @@ pub struct Voltage {
     /// The filters that move, where they are to follow the mains.
     tracked: chain::Tracked,
     gated: Gated,
+    gates: Gates,
+    /// Pulses are permitted.
+    permitted: bool,
     blend: Blend,
     /// Newest average, codes above zero volts; 0 before the first.
     block: f32,
@@ -222,6 +245,8 @@ pub struct Voltage {
     gateless_ticks: u32,
     unjudged_ticks: u32,
     short_ticks: u32,
+    /// Ticks without a voltage of a generator that has no gate.
+    dark_ticks: u32,
     /// Ticks of a negative voltage in which every conversion was at the end of the range.
     clipped_ticks: u32,
     touches: bool,
@@ -242,12 +267,15 @@ impl Voltage {
             filter: chain::State::default(),
             tracked: chain::Tracked::new(active.filter),
             gated: Gated::default(),
+            gates: Gates::new(active.shorts),
+            permitted: true,
             blend: Blend::new(active.average == Average::Plain),
             block: 0.0,
             begun: false,
             gateless_ticks: u32::MAX,
             unjudged_ticks: u32::MAX,
             short_ticks: 0,
+            dark_ticks: 0,
             clipped_ticks: 0,
             touches: false,
             sum: (0.0, 0),
@@ -296,6 +324,12 @@ impl Voltage {
     /// Where the notch is, and whether there is hum that it follows.
     pub fn mains(&self) -> (Hertz, bool) {
         (self.tracked.mains(), self.active.filter.follows().2 && self.tracked.is_locked())
+    }
+
+    /// Pulses are permitted, or not. Until the first word they are.
+    #[inline(always)]
+    pub fn permit(&mut self, permitted: bool) {
+        self.permitted = permitted;
     }
 
     /// Each pulse that ends is to be shown to [`Voltage::look`], or no longer.
@@ -368,7 +402,27 @@ impl Voltage {
             self.block = sample;
         }
         let short = (above.unsigned_abs() as f32) < active.short * on.count as f32;
-        ((on.count >= active.min_gated).then_some(short), clips(&used))
+        let clipped = clips(&used);
+        let short = match self.gates.block(block, (on.count > 0).then_some(!short)) {
+            Some(true) => {
+                rare();
+                self.short_ticks = self.short_ticks.max(self.active.worth);
+                Some(true)
+            }
+            Some(false) => Some(false),
+            None => (on.count >= active.min_gated).then_some(short),
+        };
+        (short, clipped)
+    }
+
+    /// Whether a generator without a gate shorts: while it has permission, its voltage does not rise.
+    #[cold]
+    fn is_dark(&mut self, block: &GapBlock) -> Option<bool> {
+        // Of all conversions: nothing else is averaged without a gate.
+        let low = self.block < self.active.short && -self.block < self.active.short;
+        let dark = self.permitted && low && block.low_rises == 0 && !block.above_low;
+        self.dark_ticks = if dark { self.dark_ticks.saturating_add(1) } else { 0 };
+        Some(self.dark_ticks >= self.active.slow)
     }
 
     /// Counts the run of shorts.
@@ -394,7 +448,13 @@ impl GapSource for Voltage {
         // What is not converted may be a contact.
         self.touches = self.active.contact > 0.0;
         self.gateless_ticks = self.gateless_ticks.saturating_add(1);
-        let (short, clipped) = block.map_or((None, false), |block| self.take(block));
+        let (mut short, clipped) = block.map_or((None, false), |block| self.take(block));
+        if self.active.average == Average::Plain
+            && self.gateless_ticks > self.active.hold_limit
+            && let Some(block) = block
+        {
+            short = self.is_dark(block);
+        }
         self.count(short);
         let active = &self.active;
         // A gate that is not wired, or that stays on: what it shows is judged as a short.
@@ -405,6 +465,7 @@ impl GapSource for Voltage {
             self.mean = self.sum.0 * (1.0 / TICKS_PER_MS as f32);
             self.sum = (0.0, 0);
             self.stream.look();
+            self.gates.judge(self.active.shorts);
         }
         let filtered = if active.filter.follows().2 {
             self.tracked.tick(&mut self.filter, codes)

@@ -11,7 +11,7 @@ use super::state::State;
 use crate::encoder::{MarkCheck, MarkSpacing, Plausibility, PlausibilityLimits, Snapshot};
 use crate::gap::pulses::{self, Pulses, Shares};
 use crate::gap::senses::{self, Senses, Sensing};
-use crate::gap::{PulseFault, PulseSeen, PulseWatch, Quality};
+use crate::gap::{PulseFault, PulseSeen, PulseWatch, Quality, Sight};
 use crate::kept::parts;
 use crate::servo::{BackEmf, CurrentGuard, CurrentLimits, Gains, Plant};
 use crate::units::{
@@ -55,6 +55,8 @@ pub struct Limits {
     pub arcs: pulses::Config,
     /// What hazard, distance and spark frequency are estimated by.
     pub senses: senses::Config,
+    /// What the reflex sees pulses by.
+    pub sight: Sight,
 }
 
 /// What no friction withstands.
@@ -525,7 +527,12 @@ impl Supervisor {
         let code_stands = self.code_stands.longer_than(Self::CODE_MS, same && now.state != State::Disabled);
         let gap = self.gap.longer_than(limits.gap_ms, now.pulses && bad);
         let swapped = gap && now.quality == Quality::Reversed;
-        let seen = PulseSeen { permitted: now.permitted, watched: now.state != State::Disabled, short: now.short };
+        let seen = PulseSeen {
+            permitted: now.permitted,
+            watched: now.state != State::Disabled,
+            short: now.short,
+            sight: limits.sight,
+        };
         let pulses = self.pulses.look(counters.pulses, seen);
         let arcs = self.classes.look(&limits.arcs, &now.counts, now.pulses);
         let gateless = now.quality == Quality::NoGate || limits.gated && !self.pulses.gate_seen();

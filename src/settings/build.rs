@@ -6,7 +6,8 @@ use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::Limits;
 use crate::gap::charging::Material;
 use crate::gap::controlled::ControlledName;
-use crate::gap::{pulses, senses, voltage};
+use crate::gap::pulses::BoundaryConfig;
+use crate::gap::{Sight, pulses, senses, voltage};
 use crate::head::{
     Axis, Breakaway, CommissioningConfig, Config, Contact, EndsConfig, Escape, IdentifyConfig, InchConfig, JumpConfig,
     JumpRhythm, Lift, OrbitConfig, OrbitShape, Report, Retreat, Seek, SeenBy, Setpoint, StepConfig, Structure,
@@ -216,7 +217,8 @@ impl Settings {
         )?;
         let off_time_ns = (self.generator_off_time_us * 1000.0) as u32;
         let (gap, reflex, pause) = (self.gap()?, self.reflex()?, self.pause()?);
-        let head = self.head(axis, self.senses()?);
+        let mut head = self.head(axis, self.senses()?);
+        head.supervise.sight = self.sight(&reflex);
         Ok(Active { gap, reflex, off_time_ns: (off_time_ns > 0).then_some(off_time_ns), pause, head })
     }
 
@@ -254,6 +256,20 @@ impl Settings {
             tau_ns: (self.gap_charging_us * 1000.0) as u32,
             motor_reversed: self.motor_reversed,
         })
+    }
+
+    /// What the reflex sees pulses by: not ignited is what lies above the middle of open circuit and spark.
+    fn sight(&self, reflex: &reflex::Config) -> Sight {
+        let BoundaryConfig { open, spark, .. } = self.boundaries();
+        let codes = (0.5 * (open.0 + spark.0) / self.gap_volts_per_code) as u32;
+        let most = u32::from(ADC_FULL_SCALE);
+        let open = if self.gap_reversed {
+            [0, self.gap_zero_code.saturating_sub(codes) as u16]
+        } else {
+            [self.gap_zero_code.saturating_add(codes).min(most) as u16, ADC_FULL_SCALE]
+        };
+        let (lowest, highest) = reflex.voltage;
+        Sight { current: reflex.current, voltage: [lowest, highest], open }
     }
 
     /// Pauses in clock cycles, and what tells pulses apart at their end: the levels of [`Settings::boundaries`].
@@ -310,6 +326,9 @@ impl Settings {
             filter: self.gap_filter(),
             short: Volts(self.gap_short),
             contact: Volts(self.contact_below),
+            shorts: self.retreat_after_shorts,
+            worth: Seconds(self.retreat_after_ms * 1e-3),
+            charging: Seconds(self.gap_charging_us * 1e-6),
             hold_limit: Seconds(self.gap_hold_ms * 1e-3),
             transfer: Seconds(self.transfer_ms * 1e-3),
             pulses: self.boundaries(),
@@ -544,6 +563,7 @@ impl Settings {
                 current_ms: 2,
                 arcs: pulses::Config { share: self.arc_share, ms: self.arc_ms, jump: self.jump_arcs },
                 senses,
+                sight: Sight::default(),
             },
             commissioning: CommissioningConfig {
                 duty: self.commission_duty,

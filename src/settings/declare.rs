@@ -462,7 +462,7 @@ macro_rules! declare {
         $($(#[doc = $doc:literal])+ $($index:literal : $sub:literal)? $name:ident: $type:ident = $default:expr, $limits:tt, $key:literal, $unit:literal, $source:literal $(, $change:ident $($hazard:literal)?)?;)+
     }) => {
         $(#[$outer])*
-        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[derive(Clone, Copy, Debug)]
         $vis struct $struct {
             $($(#[doc = $doc])+ pub $name: $type,)+
         }
@@ -492,6 +492,13 @@ macro_rules! declare {
             $vis fn take_words(&mut self, words: &[u32; Self::COUNT]) {
                 let [$($name,)+] = words;
                 $(self.$name = $crate::settings::Setting::from_word(*$name);)+
+            }
+        }
+
+        // Word by word: field by field it would be a branch each.
+        impl PartialEq for $struct {
+            fn eq(&self, other: &Self) -> bool {
+                self.words() == other.words()
             }
         }
 

@@ -65,8 +65,9 @@ fn written<const N: usize>() -> u32 {
 /// The edge timer and its rings.
 pub struct Edges {
     tim: pac::TIM8,
-    /// Edges that are in blocks already: of gate and high comparator, modulo the ring.
+    /// Edges that are in blocks already: of gate and high comparator, modulo the ring; and rises of the low one.
     taken: [u32; 2],
+    lows: u32,
     /// With the newest block.
     seen: Seen,
     _pins: (Ch1<PushPull>, Ch3<PushPull>, Ch4<PushPull>),
@@ -97,7 +98,7 @@ impl Edges {
         streams.0.fill(7, 0, from(0), &GATE.0)?;
         streams.1.fill(7, 0, from(2), &HIGH.0)?;
         streams.2.fill(7, 0, from(3), &LOW.0)?;
-        Ok(Edges { tim, taken: [0; 2], seen: Seen::default(), _pins: pins, _streams: streams })
+        Ok(Edges { tim, taken: [0; 2], lows: 0, seen: Seen::default(), _pins: pins, _streams: streams })
     }
 
     /// The timer, for the time base to start.
@@ -119,6 +120,9 @@ impl Edges {
     /// conversion and before the next block's.
     #[inline]
     pub fn fill(&mut self, mut look: GateSample, block: &mut GapBlock) {
+        let lows = written::<7>();
+        block.low_rises = (lows.wrapping_sub(core::mem::replace(&mut self.lows, lows)) % RING as u32) as u8;
+        block.above_low = lines::is_above_low();
         // The levels belong to the counts only if no edge was on its way into a ring: they must still be so a little later.
         for _ in 0..LOOKS {
             let GateSample { counts, levels: [open, high], now } = look;

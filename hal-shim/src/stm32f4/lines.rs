@@ -17,6 +17,7 @@ const FORWARD: Pin = Board::TABLE.pin("forward");
 const REVERSE: Pin = Board::TABLE.pin("reverse");
 const GATE: Pin = Board::TABLE.pin("gate");
 const HIGH: Pin = Board::TABLE.pin("comparator_high");
+const LOW: Pin = Board::TABLE.pin("comparator_low");
 const BRIDGE_FAULT: Pin = Board::TABLE.pin("bridge_fault");
 const LED: Pin = Board::TABLE.pin("led");
 const CARRY: Pin = Board::TABLE.pin("carry");
@@ -129,6 +130,12 @@ pub fn gate_and_high() -> [bool; 2] {
     // In one load.
     const _: () = assert!(GATE.port == HIGH.port);
     levels(GATE, HIGH)
+}
+
+/// The gap voltage is above the low comparator's threshold.
+#[inline(always)]
+pub fn is_above_low() -> bool {
+    is_high(LOW)
 }
 
 /// The bridge's fault line; low is a fault.

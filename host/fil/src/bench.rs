@@ -212,7 +212,14 @@ impl Bench {
         self.process.repeat(&began.process, began.bridge, began.pulses, &began.permission);
         self.levels = began.levels;
         let mut edges = self.edges(Vec::new(), from, before);
-        // What is past is past; of what happens now the chip has seen a part, perhaps.
+        // What is past is past, but for its outcome: an edge that lay ahead may now lie behind. Of what happens now the chip has seen a part,
+        // perhaps.
+        let ahead = edges.partition_point(|(time, _)| *time < at);
+        for k in 0..ahead {
+            let of = |change: Change| if let Change::Level(pin, _) = change { Some(pin) } else { None };
+            let last = edges[k + 1..ahead].iter().all(|(_, later)| of(*later) != of(edges[k].1));
+            edges[k].0 = if last { at } else { 0 };
+        }
         let mut shown = self.shown;
         edges.retain_mut(|(time, change)| {
             let Change::Level(pin, level) = *change else { return *time >= at };

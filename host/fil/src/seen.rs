@@ -11,6 +11,7 @@ use edm_hal_shim::reflex::PulseCounts;
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::encoder::{Mark, Snapshot};
 use edm_servo_head::gap::GapReading;
+use edm_servo_head::gap::Sight;
 use edm_servo_head::gap::charging::Material;
 use edm_servo_head::gap::pulses::{CLASSES, Config as ArcConfig, Counts};
 use edm_servo_head::gap::senses::Config as SensesConfig;
@@ -220,6 +221,7 @@ impl Places {
             "edm_servo_head::gap::GapReading",
             "edm_servo_head::gap::pulses::Config",
             "edm_servo_head::gap::senses::Config",
+            "edm_servo_head::gap::pulse_watch::Sight",
             "edm_servo_head::gap::charging::Material",
             "edm_servo_head::gap::pulses::stream::Counts",
             "edm_servo_head::encoder::shared::Snapshot",
@@ -245,12 +247,13 @@ impl Places {
             "edm_servo_head::encoder::shared::Snapshot" Snapshot: raw, illegal, mark;
             "edm_servo_head::encoder::index::Mark" Mark: count, toward_work, crossings;
             "edm_hal_shim::encoder::RawCount" RawCount: count, last_edge, toward_work, now;
-            "edm_hal_shim::gap::GapBlock" GapBlock: codes, gate, gate_edges, high_edges, gate_was_open, was_high;
+            "edm_hal_shim::gap::GapBlock" GapBlock: codes, gate, gate_edges, high_edges, gate_was_open, was_high, low_rises, above_low;
             "edm_hal_shim::safety::SafetyInputs" SafetyInputs: upper_limit, lower_limit, emergency_stop, dielectric,
                 bridge_fault, supply_low;
             "edm_hal_shim::safety::DriveCodes" DriveCodes: motor_current, bus_voltage;
             "edm_servo_head::head::supervise::Limits" SupervisionLimits: following, following_ms, runaway, velocity, resistance,
-                encoder_ms, gated, gap_ms, host_ms, bus_min, current_max, current_ms, arcs, senses;
+                encoder_ms, gated, gap_ms, host_ms, bus_min, current_max, current_ms, arcs, senses, sight;
+            "edm_servo_head::gap::pulse_watch::Sight" Sight: current, voltage, open;
             "edm_servo_head::gap::pulses::Config" ArcConfig: share, ms;
             "edm_servo_head::gap::senses::Config" SensesConfig: memory, material;
             "edm_servo_head::gap::charging::Material" Material: coefficients, shortest, longest;
@@ -587,6 +590,8 @@ impl Places {
             high_edges: edges(&block.inner(at!(GapBlock, high_edges)))?,
             gate_was_open: block.flag(at!(GapBlock, gate_was_open))?,
             was_high: block.flag(at!(GapBlock, was_high))?,
+            low_rises: block.byte(at!(GapBlock, low_rises))? as u8,
+            above_low: block.flag(at!(GapBlock, above_low))?,
         }))
     }
 }
@@ -656,6 +661,16 @@ fn limits(view: &View) -> Result<SupervisionLimits> {
         current_ms: view.word(at!(SupervisionLimits, current_ms))?,
         arcs: arcs(&View { at: view.at + at!(SupervisionLimits, arcs) as u32, ..*view })?,
         senses: senses(&view.inner(at!(SupervisionLimits, senses)))?,
+        sight: sight(&view.inner(at!(SupervisionLimits, sight)))?,
+    })
+}
+
+fn sight(view: &View) -> Result<Sight> {
+    let pair = |at: usize| anyhow::Ok([view.half(at)?, view.half(at + 2)?]);
+    Ok(Sight {
+        current: view.half(at!(Sight, current))?,
+        voltage: pair(at!(Sight, voltage))?,
+        open: pair(at!(Sight, open))?,
     })
 }
 

@@ -68,14 +68,15 @@ impl Pulses {
         self.spark + self.arc
     }
 
-    /// Those since an earlier look.
+    /// Those since an earlier look; none of a class of which that look had one more, because what follows a permission is made again where
+    /// the permission changes.
     pub fn since(&self, earlier: &Pulses) -> Pulses {
         Pulses {
-            open: self.open - earlier.open,
-            spark: self.spark - earlier.spark,
-            arc: self.arc - earlier.arc,
-            stable_arc: self.stable_arc - earlier.stable_arc,
-            short: self.short - earlier.short,
+            open: self.open.saturating_sub(earlier.open),
+            spark: self.spark.saturating_sub(earlier.spark),
+            arc: self.arc.saturating_sub(earlier.arc),
+            stable_arc: self.stable_arc.saturating_sub(earlier.stable_arc),
+            short: self.short.saturating_sub(earlier.short),
         }
     }
 

@@ -308,6 +308,10 @@ impl Tunable for Source {
         Tunable::retune(&mut self.voltage, active);
     }
 
+    fn permit(&mut self, permitted: bool) {
+        Tunable::permit(&mut self.voltage, permitted);
+    }
+
     fn is_intact(&mut self) -> bool {
         Tunable::is_intact(&mut self.voltage) && !self.ports.gap_damaged.get()
     }

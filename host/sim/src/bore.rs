@@ -157,7 +157,7 @@ pub fn run(
     let (mut jumps, mut cramped) = (0, false);
     let by_word = setup.head.inch_seen == SeenBy::Word;
     let mut coarse = Coarse::new(job.coarse_error_um, by_word, job.seed);
-    let mut tick = 0;
+    let (mut tick, mut first, mut newest) = (0, Offset::default(), Offset::default());
     let state = loop {
         machine.tick()?;
         if setup.head.inch_step > 0.0 {
@@ -168,6 +168,11 @@ pub fn run(
             }
         }
         tick += 1;
+        let offset = machine.status().position - machine.status().carried - machine.true_count();
+        if tick <= OFFSETS as u64 {
+            first.take(offset);
+        }
+        newest.take(offset);
         let truth = machine.process().truth();
         let sample = sample(machine, &truth, home_um);
         observer.sample(&sample);
@@ -262,7 +267,7 @@ pub fn run(
         crater_um: machine.process().crater_um(),
         pit_um: machine.process().pit_um(),
         removed_mm3: setup.process.face_mm2() * removed_um * 1e-3,
-        lost_counts: (machine.status().position - machine.status().carried).abs_diff(machine.true_count() - home),
+        lost_counts: newest.median().abs_diff(first.median()),
         illegal_transitions: machine.status().illegal_transitions.into(),
         jumps,
         cramped,
@@ -271,6 +276,26 @@ pub fn run(
         rows: rows.all,
         faults,
     })
+}
+
+/// Ticks of which an offset is known, an odd number.
+const OFFSETS: usize = 21;
+
+/// What the head counts less than there is, in the newest ticks. Truth and count are not of the same moment to the microsecond.
+#[derive(Default)]
+struct Offset([i64; OFFSETS], usize);
+
+impl Offset {
+    fn take(&mut self, counts: i64) {
+        self.0[self.1 % OFFSETS] = counts;
+        self.1 += 1;
+    }
+
+    fn median(&self) -> i64 {
+        let mut sorted = self.0;
+        sorted.sort_unstable();
+        sorted[OFFSETS / 2]
+    }
 }
 
 /// A piece of a path from the surface, which lies so many nm below home.

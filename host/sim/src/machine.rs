@@ -275,7 +275,7 @@ pub(crate) fn go_on<'a>(ports: &Ports, process: &'a mut Process) -> &'a Sensors 
     process.steps.ready = ports.takes_steps.get();
     process.pauses_us = ports.holds().map(|cycles| f64::from(cycles) * 1e6 / f64::from(CLOCK_HZ));
     if let Some(thresholds) = ports.thresholds.get() {
-        process.look_after(thresholds.tau_ns);
+        process.set_reflex(thresholds);
     }
     process.advance(ports.drive.get(), ports.pulses.get())
 }

@@ -135,7 +135,7 @@ fn set(assignments: &[&str]) -> Option<Vec<String>> {
 fn thresholds(setup: &Setup, published: &[&str], elsewhere: &str) -> Option<Vec<String>> {
     let step = ["feed.law=two_thresholds", "feed.threshold_um_s=10", "feed.threshold_period_ms=100"];
     // Open circuit reads 32 V.
-    let plain = ["gap.average=plain", "gap.open_min_v=31"];
+    let plain = ["gap.average=plain", "gap.open_min_v=31", "generator.pause_spark_us=0", "generator.pause_arc_us=0"];
     let own = [elsewhere];
     let rest: Vec<&str> = if is_of_gao(&setup.process) { [&plain, published].concat() } else { own.to_vec() };
     set(&[&step[..], &rest].concat())

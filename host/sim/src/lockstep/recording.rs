@@ -88,23 +88,29 @@ impl Last {
 /// Numbers of [`Counts`].
 const COUNTS: usize = CLASSES + 4;
 
-/// Edges of a block, and the levels when it began.
+/// Edges of a block, the levels when it began, and what the low comparator did.
 #[derive(Clone, Copy, PartialEq)]
 struct EdgesOf {
     lines: [Edges; 2],
     levels: [bool; 2],
+    low: (u8, bool),
 }
 
 impl EdgesOf {
-    const NONE: EdgesOf = EdgesOf { lines: [Edges::NONE; 2], levels: [false; 2] };
+    const NONE: EdgesOf = EdgesOf { lines: [Edges::NONE; 2], levels: [false; 2], low: (0, false) };
 
     fn of(block: &GapBlock) -> EdgesOf {
-        EdgesOf { lines: [block.gate_edges, block.high_edges], levels: [block.gate_was_open, block.was_high] }
+        EdgesOf {
+            lines: [block.gate_edges, block.high_edges],
+            levels: [block.gate_was_open, block.was_high],
+            low: (block.low_rises, block.above_low),
+        }
     }
 
     fn write(&self, to: &mut impl Write) -> io::Result<()> {
         let [open, high] = self.levels;
-        let mut bytes = vec![7, u8::from(open) | u8::from(high) << 1];
+        let (rises, above) = self.low;
+        let mut bytes = vec![7, u8::from(open) | u8::from(high) << 1 | u8::from(above) << 2, rises];
         for line in &self.lines {
             bytes.push(line.count);
             bytes.extend(line.times().iter().flat_map(|at| at.to_le_bytes()));
@@ -118,7 +124,8 @@ impl EdgesOf {
             from.read_exact(&mut byte).map(|()| byte[0])
         };
         let levels = byte()?;
-        let mut edges = EdgesOf { levels: [levels & 1 != 0, levels & 2 != 0], ..EdgesOf::NONE };
+        let low = (byte()?, levels & 4 != 0);
+        let mut edges = EdgesOf { levels: [levels & 1 != 0, levels & 2 != 0], low, ..EdgesOf::NONE };
         for line in &mut edges.lines {
             for _ in 0..byte()? {
                 let at = u16::from_le_bytes([byte()?, byte()?]);
@@ -131,9 +138,10 @@ impl EdgesOf {
     }
 
     fn put_into(self, block: &mut GapBlock) {
-        let EdgesOf { lines: [gate, high], levels: [open, above] } = self;
+        let EdgesOf { lines: [gate, high], levels: [open, above], low } = self;
         (block.gate_edges, block.high_edges) = (gate, high);
         (block.gate_was_open, block.was_high) = (open, above);
+        (block.low_rises, block.above_low) = low;
     }
 }
 

@@ -1,12 +1,14 @@
 //! The converter that samples each pulse once, as the reflex's does: gap current and gap voltage after the blanking.
 //!
 //! Divider and amplifier are those of [`FrontEnd`](super::front_end::FrontEnd): it sees the same zero, gain error and noise,
-//! but no hum, which is slow compared with a pulse.
+//! but no hum, which is slow compared with a pulse. What the reflex would take for a short is counted; of a capacitor that is drained by
+//! then it sees no more than the chip's.
 
 use super::Installation;
 use super::model::Stretch;
 use super::normal;
 use super::random::{Cause, Random};
+use edm_hal_shim::reflex;
 use edm_hal_shim::timing::BLANKING_NS;
 use edm_servo_head::units::ADC_FULL_SCALE;
 
@@ -25,8 +27,10 @@ pub struct Gated {
     zero: f64,
     noise: f64,
     random: Random,
-    /// Time constant with which the gap voltage rises, by the head's settings, ns.
-    pub tau_ns: u32,
+    /// By what the head's reflex judges.
+    pub reflex: reflex::Config,
+    /// Pulses that it has found short.
+    pub shorts: u64,
     /// When the gate opened last, us.
     opened: f64,
     /// When that pulse will be sampled, us.
@@ -44,7 +48,15 @@ impl Gated {
             zero: p.zero_code.into(),
             noise: f64::from(p.noise) * per_volt,
             random: Cause::Gated.stream(seed),
-            tau_ns: 0,
+            reflex: reflex::Config {
+                run: 0,
+                ticks: 0,
+                current: u16::MAX,
+                voltage: (0, ADC_FULL_SCALE),
+                tau_ns: 0,
+                motor_reversed: false,
+            },
+            shorts: 0,
             opened: 0.0,
             due: None,
             newest: [0; 2],
@@ -53,7 +65,7 @@ impl Gated {
 
     /// Samples a tick until `to` (us): its stretches, the oldest first. An edge of the gate while the blanking runs starts no other.
     pub fn look(&mut self, to: f64, stretches: &[Stretch]) {
-        let blanking = f64::from((3 * self.tau_ns).max(BLANKING_NS)) * 1e-3;
+        let blanking = f64::from((3 * self.reflex.tau_ns).max(BLANKING_NS)) * 1e-3;
         // The newest sample is all that is read after a tick; of the others there is only the noise they draw.
         let mut newest = None;
         for (k, now) in stretches.iter().enumerate() {
@@ -74,9 +86,19 @@ impl Gated {
     fn sample<'a>(&mut self, end: f64, now: &'a Stretch, newest: &mut Option<(f64, &'a Stretch)>) {
         let Some(due) = self.due.filter(|due| *due < end) else { return };
         self.due = None;
+        let open = due < now.gate.1;
+        self.shorts += u64::from(open && self.is_short(due, now));
         if newest.replace((due, now)).is_some() {
             normal::skip_pair(&mut self.random);
         }
+    }
+
+    /// Whether current flows without a voltage then.
+    fn is_short(&self, due: f64, now: &Stretch) -> bool {
+        let (lowest, highest) = self.reflex.voltage;
+        let voltage = self.zero + now.at(due) * self.per_volt;
+        (voltage < lowest.into() || voltage > highest.into())
+            && current_code(now.amps.at(due - now.from)) >= self.reflex.current.into()
     }
 
     /// Converts what is due within a stretch.
@@ -141,7 +163,7 @@ mod tests {
     #[test]
     fn a_longer_charging_time_is_waited_for() {
         let mut gated = quiet();
-        gated.tau_ns = 3000;
+        gated.reflex.tau_ns = 3000;
         assert_eq!(found(&mut gated, 8.0, 40.0), [9, 40]);
     }
 

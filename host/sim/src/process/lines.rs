@@ -21,17 +21,25 @@ pub fn crossing(initial: f64, volts: f64, threshold: f64) -> (f64, bool) {
     (((volts.abs() - initial.abs()) / (volts.abs() - threshold)).ln(), to)
 }
 
-/// The lines of gate and high comparator.
+/// The lines of gate and comparators.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lines {
     gate: bool,
     high: bool,
+    low: bool,
 }
 
 impl Lines {
     /// Puts the edges of the tick that begins at `from` (us) into its block, under the stretches that touch it, the oldest first; the
-    /// comparator switches at `threshold` (V).
-    pub fn see(&mut self, block: &mut GapBlock, from: f64, stretches: &[Stretch], threshold: f64, gate_lost: bool) {
+    /// comparators switch at `thresholds` (V), the high one and the low one.
+    pub fn see(
+        &mut self,
+        block: &mut GapBlock,
+        from: f64,
+        stretches: &[Stretch],
+        thresholds: [f64; 2],
+        gate_lost: bool,
+    ) {
         (block.gate_was_open, block.was_high) = (self.gate, self.high);
         let end = from + f64::from(GapBlock::CYCLES) / CYCLES_PER_US;
         for (k, now) in stretches.iter().enumerate() {
@@ -43,18 +51,28 @@ impl Lines {
                 self.gate = gate;
                 push(&mut block.gate_edges, begins);
             }
-            if (now.volts.abs() > threshold) == self.high {
+            let tends = now.volts.abs();
+            let [high, low] = thresholds;
+            if (tends > high) == self.high && (tends > low) == self.low {
                 continue;
             }
             let ends = stretches.get(k + 1).map_or(end, |next| next.from);
-            let (constants, level) = crossing(now.initial, now.volts, threshold);
-            let crosses = now.from + constants * now.rise;
-            let at = if crosses > begins { crosses } else { begins };
-            if at < ends && at < end {
-                self.high = level;
+            let crosses = |threshold: f64, was: bool| {
+                let (constants, level) = crossing(now.initial, now.volts, threshold);
+                let crosses = now.from + constants * now.rise;
+                let at = if crosses > begins { crosses } else { begins };
+                (level != was && at < ends && at < end).then_some(at)
+            };
+            if let Some(at) = crosses(high, self.high) {
+                self.high = !self.high;
                 push(&mut block.high_edges, at);
             }
+            if crosses(low, self.low).is_some() {
+                self.low = !self.low;
+                block.low_rises = block.low_rises.wrapping_add(self.low.into());
+            }
         }
+        block.above_low = self.low;
     }
 }
 
@@ -76,7 +94,7 @@ mod tests {
             ..Stretch::default()
         };
         let mut block = GapBlock::EMPTY;
-        lines.see(&mut block, 0.0, &[off(-9.0, 0.0), on(10.0, 100.0, 0.0)], 70.0, false);
+        lines.see(&mut block, 0.0, &[off(-9.0, 0.0), on(10.0, 100.0, 0.0)], [70.0, 20.0], false);
         let cycles = |us: f64| (us * 168.0 + 108.0) as u16;
         assert_eq!((block.gate_was_open, block.was_high), (false, false));
         assert_eq!(block.gate_edges.times(), [cycles(10.0)]);
@@ -84,7 +102,7 @@ mod tests {
         assert_eq!(block.high_edges.times(), [cycles(10.0 - 0.3f64.ln())]);
         let mut next = GapBlock::EMPTY;
         let stretches = [on(10.0, 100.0, 0.0), on(60.0, 40.0, 100.0), off(70.0, 40.0)];
-        lines.see(&mut next, 50.0, &stretches, 70.0, false);
+        lines.see(&mut next, 50.0, &stretches, [70.0, 20.0], false);
         assert_eq!((next.gate_was_open, next.was_high), (true, true));
         assert_eq!(next.gate_edges.times(), [cycles(20.0)]);
         assert_eq!(next.high_edges.times(), [cycles(10.0 + 2f64.ln())]);
@@ -98,7 +116,7 @@ mod tests {
         let mut edges = vec![];
         for tick in 0..4 {
             let mut block = GapBlock::EMPTY;
-            lines.see(&mut block, f64::from(tick) * 50.0, &[slow], 70.0, false);
+            lines.see(&mut block, f64::from(tick) * 50.0, &[slow], [70.0, 20.0], false);
             edges.extend(
                 block.high_edges.times().iter().map(|at| f64::from(tick) * 50.0 + (f64::from(*at) - 108.0) / 168.0),
             );

@@ -36,7 +36,7 @@ pub use coupling::discharges;
 use edm_hal_shim::bridge::Drive;
 use edm_hal_shim::encoder::Levels;
 use edm_hal_shim::gap::GapBlock;
-use edm_hal_shim::reflex::PulseCounts;
+use edm_hal_shim::reflex::{self, PulseCounts};
 use edm_hal_shim::safety::{DriveCodes, SafetyInputs};
 use edm_servo_head::settings::{SettingError, Value};
 use edm_servo_head::units::{ADC_FULL_SCALE, CLOCK_HZ, TICK_HZ};
@@ -100,7 +100,7 @@ pub struct Sensors {
     pub safety: SafetyInputs,
     /// Motor current and bus voltage.
     pub drive: DriveCodes,
-    /// What the pulses have done; of a reflex that finds every short.
+    /// What the pulses have done.
     pub pulses: PulseCounts,
 }
 
@@ -260,9 +260,9 @@ impl Process {
         let _ = self.model.process.set_generator(&set);
     }
 
-    /// The head's time constant with which the gap voltage rises, ns: its reflex looks into a pulse after three of them.
-    pub fn look_after(&mut self, tau_ns: u32) {
-        self.gated.tau_ns = tau_ns;
+    /// By what the head's reflex judges.
+    pub fn set_reflex(&mut self, reflex: reflex::Config) {
+        self.gated.reflex = reflex;
     }
 
     /// Lets these events happen, counted from the first tick, instead of those given before.
@@ -317,12 +317,12 @@ impl Process {
             let ticks = f64::from(TICK_CLOCK) / steps as f64;
             scale.travel(from, to, now.wrapping_add((step as f64 * ticks) as u32), ticks, edges);
         });
+        let shorts_before = self.gated.shorts;
         self.gated.look(from + TICK_US, self.model.stretches());
-        self.count_pulses(pulses_before);
+        self.count_pulses(pulses_before, shorts_before);
         self.sensors.block = self.front.convert(from, self.model.stretches());
         let (stretches, gate_lost) = (self.model.stretches(), self.front.gate_lost);
-        let [high, _] = self.comparators_v;
-        self.lines.see(&mut self.sensors.block, from, stretches, high, gate_lost);
+        self.lines.see(&mut self.sensors.block, from, stretches, self.comparators_v, gate_lost);
 
         let (clock, levels) = (self.sensors.now, self.sensors.levels);
         self.ticks += 1;
@@ -343,7 +343,7 @@ impl Process {
 
     /// The gate wire divides on the board: to the timer that counts its edges, and to the one that starts the reflex's
     /// converter.
-    fn count_pulses(&mut self, before: Pulses) {
+    fn count_pulses(&mut self, before: Pulses, shorts: u64) {
         let counts = &mut self.sensors.pulses;
         let add = |count: &mut u8, more: u64| *count = count.wrapping_add(more as u8);
         let after = self.model.process.pulses();
@@ -353,7 +353,7 @@ impl Process {
             counts.comparators = [counts.edges; 2];
             if !self.fault_inputs.start_lost {
                 add(&mut counts.conversions, new);
-                add(&mut counts.shorts, after.short - before.short);
+                add(&mut counts.shorts, self.gated.shorts - shorts);
                 let [current, voltage] = self.gated.newest;
                 counts.newest = [current, self.fault_inputs.stuck_code.unwrap_or(voltage)];
             }

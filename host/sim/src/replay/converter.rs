@@ -30,10 +30,15 @@ pub enum Gate {
     Above(f32, f32),
 }
 
-/// Cuts a recording into the blocks that the converter would have made of it; what does not fill one is left out. The high
-/// comparator switches at `high` volts; no edge is finer than a step of the recording. Conversions are gated as on the head, by the edges,
+/// Cuts a recording into the blocks that the converter would have made of it; what does not fill one is left out. The
+/// comparators switch at `thresholds` (V), the high one and the low one; no edge is finer than a step of the recording. Conversions are gated as on the head, by the edges,
 /// and not where a conversion is made of two samples and the gate is closed at one.
-pub fn blocks(recording: &Recording, scale: Scale, gate: Gate, high: f64) -> impl Iterator<Item = GapBlock> {
+pub fn blocks(
+    recording: &Recording,
+    scale: Scale,
+    gate: Gate,
+    [high, low]: [f64; 2],
+) -> impl Iterator<Item = GapBlock> {
     let open = open(recording, gate);
     let steps = recording.rate / f64::from(ADC_HZ);
     let last = recording.gap_v.len() - 1;
@@ -58,7 +63,8 @@ pub fn blocks(recording: &Recording, scale: Scale, gate: Gate, high: f64) -> imp
             |sample: f64| ((sample - begin as f64 * steps) / recording.rate * CLOCK + MIDDLE).round().max(0.0) as u16;
         let from = (begin as f64 * steps).ceil() as usize;
         let to = (((begin + BLOCK) as f64 * steps).ceil() as usize).min(last + 1);
-        let above = |sample: usize| f64::from(recording.gap_v[sample].abs()) > high;
+        let over = |sample: usize, threshold: f64| f64::from(recording.gap_v[sample].abs()) > threshold;
+        let above = |sample: usize| over(sample, high);
         // The first sample of all has none before it: what is open or high then was so before.
         made.gate_was_open = open[from.saturating_sub(1)];
         made.was_high = above(from.saturating_sub(1));
@@ -70,7 +76,9 @@ pub fn blocks(recording: &Recording, scale: Scale, gate: Gate, high: f64) -> imp
             if above(sample) != above(sample - 1) {
                 made.high_edges.push(at);
             }
+            made.low_rises = made.low_rises.wrapping_add((over(sample, low) && !over(sample - 1, low)).into());
         }
+        made.above_low = over(to.max(1) - 1, low);
         // The apertures of the first and the last conversion reach beyond the samples of the block.
         let (first, end) = (from.saturating_sub(ahead + 1), (to + ahead).min(last + 1));
         let mut edges = (first + 1..end)
@@ -115,7 +123,7 @@ mod tests {
     fn a_ramp_is_the_same_ramp_whatever_it_was_sampled_at() {
         for rate in [1e4, 3.3e5, 5e5, 1e6, 7.7e6, 1e7] {
             let ramp = recording(rate, |t| (t * 1e5) as f32, |_| true, 1e-3);
-            let blocks: Vec<GapBlock> = blocks(&ramp, SCALE, Gate::AsRecorded, 70.0).collect();
+            let blocks: Vec<GapBlock> = blocks(&ramp, SCALE, Gate::AsRecorded, [70.0, 20.0]).collect();
             assert!((19..=20).contains(&blocks.len()), "{rate}: {}", blocks.len());
             for (n, code) in blocks.iter().flat_map(|block| block.codes).enumerate() {
                 assert!((f64::from(code) - 410.0 - 2.0 * n as f64).abs() <= 1.0, "{rate}, {n}: {code}");
@@ -127,7 +135,7 @@ mod tests {
     fn a_conversion_that_an_edge_of_the_gate_falls_into_is_not_gated() {
         // Open from 10 to 30 us: at 10 MS/s the conversion at 10 us is nearer to the edge than it takes, at 30 us as well.
         let fast = recording(1e7, |_| 0.0, |t| (10.05e-6..30.05e-6).contains(&t), 5e-5);
-        let block = blocks(&fast, SCALE, Gate::AsRecorded, 70.0).next().unwrap();
+        let block = blocks(&fast, SCALE, Gate::AsRecorded, [70.0, 20.0]).next().unwrap();
         assert_eq!(block.gate, 0b111_1111_1100_0000);
     }
 
@@ -137,7 +145,7 @@ mod tests {
         let mut none = recording(5e5, volts, |_| false, 5e-5);
         none.gate = None;
         none.gap_i = Some((0..none.gap_v.len()).map(|n| if (10..15).contains(&n) { 5.0 } else { 0.0 }).collect());
-        let gate = |how| blocks(&none, SCALE, how, 70.0).next().unwrap().gate;
+        let gate = |how| blocks(&none, SCALE, how, [70.0, 20.0]).next().unwrap().gate;
         assert_eq!(gate(Gate::AsRecorded), GapBlock::ALL);
         assert_eq!(gate(Gate::Above(20.0, 1.0)), (1 << 15) - 1);
         assert_eq!(gate(Gate::Above(20.0, 10.0)), (1 << 10) - 1);

@@ -102,7 +102,7 @@ pub fn run(recording: &Recording, settings: &Settings, gate: Gate) -> Result<Rep
     let mut tracked = Tracked::new(following.build().map_err(wrong)?);
     let boundaries = settings.boundaries();
     let mut stream = PulseStream::new(boundaries.build().map_err(wrong)?);
-    let high = THRESHOLDS[0] * f64::from(boundaries.open.0);
+    let thresholds = THRESHOLDS.map(|share| share * f64::from(boundaries.open.0));
     let known = recording.gate.is_some() || matches!(gate, Gate::Above(..));
     let classified = known && recording.rate >= 0.999 * f64::from(ADC_HZ);
     let scale = Scale { zero: settings.gap_zero_code as f32, volts_per_code: settings.gap_volts_per_code };
@@ -112,7 +112,7 @@ pub fn run(recording: &Recording, settings: &Settings, gate: Gate) -> Result<Rep
     let mut beside: Option<[State; 2]> = None;
     let (mut ms, mut shares, mut pulses) = ([0u16; CLASSES], Shares::default(), [0u64; CLASSES]);
     let (mut rows, mut counted) = (Vec::new(), [0; CLASSES]);
-    for (tick, block) in blocks(recording, scale, gate, high).enumerate() {
+    for (tick, block) in blocks(recording, scale, gate, thresholds).enumerate() {
         let reading = source.update(Some(&block));
         let codes = reading.block.0 / per_code;
         counted = reading.pulses.classes;

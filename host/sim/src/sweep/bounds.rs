@@ -61,10 +61,10 @@ const KEPT: &[(&str, &[Kept])] = &[
     // Beyond its bound of stability, four seeds: 172 to 179 s, 297 to 339 um.
     ("roberts-original", &[("sim_time_s", 129.0, 224.0), ("position_pp_um_median", 222.0, 424.0)]),
     ("silicon", &[("sim_time_s", 59.0, 100.0), ("gap_voltage_v.rms_error_100ms", 0.0, 3.0)]),
-    ("micro-blind", &[("sim_time_s", 24.5, 43.0), ("short_ratio", 0.005, 0.1), ("wear_mm", 0.008, 0.02)]),
-    ("micro-blind-clear", &[("sim_time_s", 11.5, 22.0), ("short_ratio", 0.002, 0.1), ("wear_mm", 0.008, 0.02)]),
-    ("micro-through", &[("sim_time_s", 29.0, 52.0), ("short_ratio", 0.005, 0.1), ("through_ratio", 1.0, 1.0)]),
-    ("micro-through-clear", &[("sim_time_s", 14.0, 27.0), ("short_ratio", 0.002, 0.1), ("through_ratio", 1.0, 1.0)]),
+    ("micro-blind", &[("sim_time_s", 17.0, 33.0), ("short_ratio", 0.005, 0.1), ("wear_mm", 0.008, 0.02)]),
+    ("micro-blind-clear", &[("sim_time_s", 9.5, 17.5), ("short_ratio", 0.002, 0.1), ("wear_mm", 0.008, 0.02)]),
+    ("micro-through", &[("sim_time_s", 21.0, 40.0), ("short_ratio", 0.005, 0.1), ("through_ratio", 1.0, 1.0)]),
+    ("micro-through-clear", &[("sim_time_s", 10.5, 20.0), ("short_ratio", 0.002, 0.1), ("through_ratio", 1.0, 1.0)]),
 ];
 
 /// What a run breaks, in a few words each.
