@@ -584,6 +584,26 @@ mod tests {
         }
     }
 
+    /// Number 1 was another one.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    enum Shape {
+        Round = 0,
+        Square = 2,
+    }
+    choice!(Shape, &[Shape::Round, Shape::Square], &["round", "", "square"]);
+
+    #[test]
+    fn a_number_that_has_no_choice_any_more_is_refused_and_has_no_name() {
+        let kind = Kind::Choice(Shape::NAMES);
+        assert_eq!([0, 1, 2, 3].map(|word| kind.admits(word)), [true, false, true, false]);
+        assert_eq!(
+            [0, 1, 2].map(|word| kind.value(word)),
+            [Some(Value::Word("round")), None, Some(Value::Word("square"))]
+        );
+        assert_eq!(["round", "", "square"].map(|name| kind.word(Value::Word(name))), [Some(0), None, Some(2)]);
+        assert_eq!((Shape::Square.word(), Shape::from_word(2)), (2, Shape::Square));
+    }
+
     #[test]
     fn addresses_are_those_of_the_declaration_whatever_its_order() {
         assert_eq!(Sample::ADDRESSES, [(0x2100, 2), (0x2100, 1), (0x2101, 1), (0x2101, 2)]);

@@ -5,6 +5,7 @@
 //! transitions. Lines that are cut show every discharge, and A alone, as if the scale trembled by a count. All levels are assumed;
 //! without them nothing is drawn.
 
+use super::lines::CYCLES_PER_US;
 use super::model::Stretch;
 use super::random::{Cause, Random};
 use super::{Installation, Sensors};
@@ -13,10 +14,9 @@ use edm_process::Edge;
 use edm_servo_head::units::ADC_FULL_SCALE;
 use rand::RngExt;
 
-/// Core cycles of a microsecond, and of a coupled pulse, 100 ns.
-const CYCLES_PER_US: f64 = 168.0;
+/// Core cycles of a coupled pulse, 100 ns.
 const PULSE: u32 = 17;
-/// Current that rises by more than this begins a discharge, A.
+/// Current that rises by this begins a discharge, A.
 const RISES: f64 = 0.05;
 /// Time between conversions, us.
 const CONVERSION_US: f64 = 2.0;

@@ -6,7 +6,7 @@ use edm_hal_shim::gap::{Edges, GapBlock};
 /// Shares of the open-circuit voltage at which the comparators switch.
 pub const THRESHOLDS: [f64; 2] = [0.7, 0.2];
 /// Core cycles of a microsecond.
-const CYCLES_PER_US: f64 = 168.0;
+pub(super) const CYCLES_PER_US: f64 = 168.0;
 /// A conversion of the process model sees the gap 2 k + 1 us after the block began; that of a chip has the middle of its aperture
 /// 276 + 336 k cycles after.
 const OFFSET: f64 = 276.0 - CYCLES_PER_US;

@@ -328,3 +328,23 @@ fn a_discharge_shows_on_lines_that_do_not_carry_it_as_often_and_as_strongly_as_w
     let (_, pulses, bus, codes) = with(0.0, 0.0, 0.0);
     assert_eq!((pulses, bus, codes), (0, 0, 0));
 }
+
+#[test]
+fn lines_that_are_cut_show_every_discharge_on_a_alone() {
+    let values = [("scale.spark_edges", 1e-4)];
+    let mut process = Process::new(Plant::with(&values).unwrap(), 1).unwrap();
+    process.hold_gap(30.0, 0.0);
+    process.fault_inputs.encoder_dead = true;
+    let (mut pulses, still) = (0, process.sensors().levels);
+    for _ in 0..2000 {
+        let seen = process.advance(Drive::Coast, true);
+        for pulse in seen.edges.chunks(2) {
+            let [(_, up), (_, down)] = pulse else { panic!("{pulse:?}") };
+            assert_eq!((up.a, up.b), (!still.a, still.b));
+            assert_eq!(*down, still);
+            pulses += 1;
+        }
+    }
+    let discharges = process.truth().pulses.discharges();
+    assert!(discharges > 300 && pulses * 100 >= discharges * 99 && pulses <= discharges, "{pulses} of {discharges}");
+}
