@@ -40,6 +40,8 @@ pub struct PulseSeen {
     pub watched: bool,
     /// The gap voltage has shown nothing but short since the last look.
     pub short: bool,
+    /// Pulses that the gap voltage has had, wrapping.
+    pub pulses: u32,
     /// What the reflex sees it by.
     pub sight: Sight,
 }
@@ -57,6 +59,8 @@ pub enum PulseFault {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PulseWatch {
     last: PulseCounts,
+    /// Pulses that the gap voltage had.
+    known: u32,
     /// Pulses that were not converted, less those that were.
     unconverted: u32,
     /// Pulses in shorts of which the reflex found none.
@@ -109,7 +113,9 @@ impl PulseWatch {
         let shorts = since(counts.shorts, self.last.shorts);
         let last = core::mem::replace(&mut self.last, counts);
         self.gate_seen = edges > 0;
-        let pulses = edges / 2;
+        let known = seen.pulses.wrapping_sub(core::mem::replace(&mut self.known, seen.pulses));
+        // A gate that rings has edges beyond count, and no pulses.
+        let pulses = (edges / 2).min(known.saturating_add(1));
 
         for (same, (now, then)) in self.same.iter_mut().zip(counts.newest.iter().zip(&last.newest)) {
             *same = match (now == then && seen.permitted, conversions > 0) {
@@ -144,7 +150,7 @@ impl PulseWatch {
             _ => 0,
         };
         self.apart = short && !low;
-        let stray = seen.watched && !seen.permitted && pulses > 0;
+        let stray = seen.watched && !seen.permitted && edges > 1;
         self.unpermitted = if stray { self.unpermitted.saturating_add(1) } else { 0 };
 
         let stands = self.same.iter().any(|looks| *looks > Self::SAME);
@@ -183,12 +189,12 @@ mod tests {
 
     /// 1 A; 20 V and 70 V of 0.1 V a code.
     const SIGHT: Sight = Sight { current: 2110, voltage: [610, 4095], open: [1110, 4095] };
-    const WORK: PulseSeen = PulseSeen { permitted: true, watched: true, short: false, sight: SIGHT };
+    const WORK: PulseSeen = PulseSeen { permitted: true, watched: true, short: false, pulses: 0, sight: SIGHT };
     const SHORT: PulseSeen = PulseSeen { short: true, ..WORK };
 
     /// Looks until a fault, with so many edges, conversions and shorts in each; gives the looks that it took, of 1000.
     fn looks(watch: &mut PulseWatch, each: [f32; 3], seen: PulseSeen) -> Option<(u32, PulseFault)> {
-        let from = watch.last;
+        let (from, known) = (watch.last, watch.known);
         (1..=1000).find_map(|n| {
             let of = |per: f32, from: u8| from.wrapping_add((per * n as f32) as u32 as u8);
             let [edges, conversions, shorts] = each;
@@ -199,7 +205,8 @@ mod tests {
                 comparators: [of(edges, from.edges); 2],
                 newest: [3000 + n as u16 % 7, if seen.short { 420 + n as u16 % 5 } else { n as u16 }],
             };
-            watch.look(counts, seen).map(|fault| (n, fault))
+            let pulses = known + (0.5 * edges * n as f32) as u32;
+            watch.look(counts, PulseSeen { pulses, ..seen }).map(|fault| (n, fault))
         })
     }
 
@@ -226,6 +233,24 @@ mod tests {
     }
 
     #[test]
+    fn a_gate_that_rings_makes_no_pulses_that_could_be_missed() {
+        let at = |n: u32, edges, conversions| PulseCounts {
+            edges: (n * edges) as u8,
+            conversions: (n * conversions) as u8,
+            newest: [3000 + n as u16 % 7; 2],
+            ..PulseCounts::default()
+        };
+        for (edges, conversions) in [(2000, 299), (2000, 1), (299, 3), (257, 1)] {
+            let mut watch = PulseWatch::default();
+            let found = (1..=20).find(|n| watch.look(at(*n, edges, conversions), WORK).is_some());
+            assert_eq!(found, None, "{edges} edges");
+            // A dead converter is found after it.
+            let found = (21..=40).find(|n| watch.look(at(*n, 10, 0), PulseSeen { pulses: 5 * n, ..WORK }).is_some());
+            assert!(found.is_some_and(|n| n <= 25), "{found:?}");
+        }
+    }
+
+    #[test]
     fn shorts_that_the_reflex_does_not_find_are_found() {
         let mut watch = PulseWatch::default();
         assert_eq!(looks(&mut watch, [10.0, 5.0, 1.0], SHORT), None);
@@ -236,6 +261,7 @@ mod tests {
         let mut look = |watch: &mut PulseWatch, seen, shorts| {
             edges = edges.wrapping_add(10);
             let newest = [3000 + u16::from(edges), 420 + u16::from(edges / 10 % 8)];
+            let seen = PulseSeen { pulses: watch.known + 5, ..seen };
             watch.look(PulseCounts { edges, conversions: edges / 2, shorts, newest, ..PulseCounts::default() }, seen)
         };
         for _ in 0..3 {
@@ -266,6 +292,7 @@ mod tests {
                 comparators: [add(from.edges, 10); 2],
                 newest: [current + n % 3, voltage + n % 3],
             };
+            let seen = PulseSeen { pulses: watch.known + 5, ..seen };
             watch.look(counts, seen) == Some(PulseFault::Unseen)
         })
     }
@@ -312,7 +339,7 @@ mod tests {
                 comparators: comparators.map(so_many),
                 newest: newest(*n),
             };
-            watch.look(counts, seen).is_some()
+            watch.look(counts, PulseSeen { pulses: watch.known + 5, ..seen }).is_some()
         });
         (found, watch.unseen())
     }

@@ -531,6 +531,7 @@ impl Supervisor {
             permitted: now.permitted,
             watched: now.state != State::Disabled,
             short: now.short,
+            pulses: now.counts.total(),
             sight: limits.sight,
         };
         let pulses = self.pulses.look(counters.pulses, seen);

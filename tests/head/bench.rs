@@ -234,12 +234,13 @@ impl Bench {
         };
         let watch = self.watch_offset.map(|off| RawCount { count: raw.count.wrapping_add_signed(off), ..raw });
         let [edges, conversions] = if self.output.pulses && self.quality != Quality::NoGate { [2, 1] } else { [0; 2] };
-        self.pulses.edges = self.pulses.edges.wrapping_add(self.edges.wrapping_add(edges));
+        let edges = self.edges.wrapping_add(edges);
+        self.pulses.edges = self.pulses.edges.wrapping_add(edges);
         self.pulses.conversions = self.pulses.conversions.wrapping_add(conversions);
         // An open pulse or an arc, evenly mixed.
         let arc = self.ticks * u64::from(self.arcs) % 100 < u64::from(self.arcs);
         let class = if arc { Class::Arc } else { Class::Open };
-        self.counts.classes[class as usize] += u32::from(conversions);
+        self.counts.classes[class as usize] += u32::from(edges / 2);
         // A sound converter.
         let noise = (self.ticks % 7) as u16;
         self.pulses.newest = [2048, 1410].map(|code| code + noise);

@@ -5,6 +5,7 @@ use edm_hal_shim::encoder::RawCount;
 use edm_hal_shim::reflex::PulseCounts;
 use edm_servo_head::encoder::Snapshot;
 use edm_servo_head::gap::Quality;
+use edm_servo_head::gap::pulses::Class;
 use edm_servo_head::gap::voltage::Average;
 use edm_servo_head::head::{Counters, Fault, Measured, State, SupervisionConfig, Supervisor};
 use edm_servo_head::settings::Settings;
@@ -83,6 +84,8 @@ impl Watched {
         let counted = &mut self.counted;
         counted.edges = counted.edges.wrapping_add(edges);
         counted.conversions = counted.conversions.wrapping_add(conversions);
+        // The gap voltage has shown as many pulses.
+        self.now.counts.classes[Class::Open as usize] += u32::from(edges / 2);
         // Sound converters and comparators.
         let noise = self.ms as u16 % 7;
         // Current flows, without a voltage.
