@@ -47,9 +47,9 @@ fn chip(depth_mm: f64) -> (Outcome, Means) {
 
 #[test]
 fn the_chip_bores_the_hole_of_the_native_core_within_the_stated_statistics() {
-    let (there, chip_means) = chip(0.05);
+    let (there, chip_means) = chip(0.03);
     let mut means = Means::default();
-    let here = bore::bore(&job(0.05), &mut means, &mut |_| {}).unwrap();
+    let here = bore::bore(&job(0.03), &mut means, &mut |_| {}).unwrap();
     assert!(there.completed && here.completed, "{} {}", there.stop_reason, here.stop_reason);
     assert_eq!((there.lost_counts, there.illegal_transitions, &there.faults), (0, 0, &Vec::new()));
     let near = |what: &str, chip: f64, native: f64, bound: f64| {
