@@ -14,14 +14,14 @@
 
 use edm_hal_shim::reflex::{EDGE_COUNT, PulseCounts};
 
-/// What the reflex sees a pulse by, converter codes.
+/// Thresholds by which the reflex judges a pulse, converter codes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sight {
-    /// Gap current from which it counts as flowing.
+    /// Gap current that counts as flowing, and more.
     pub current: u16,
-    /// Lowest and highest gap voltage with which a pulse is no short.
+    /// Lowest and highest gap voltage of a pulse that is no short.
     pub voltage: [u16; 2],
-    /// Lowest and highest gap voltage with which it has not ignited.
+    /// Lowest and highest gap voltage of a pulse that has not ignited.
     pub open: [u16; 2],
 }
 
@@ -42,7 +42,7 @@ pub struct PulseSeen {
     pub short: bool,
     /// Pulses that the gap voltage has had, wrapping.
     pub pulses: u32,
-    /// What the reflex sees it by.
+    /// Thresholds of the reflex.
     pub sight: Sight,
 }
 
@@ -150,8 +150,8 @@ impl PulseWatch {
             _ => 0,
         };
         self.apart = short && !low;
-        let stray = seen.watched && !seen.permitted && edges > 1;
-        self.unpermitted = if stray { self.unpermitted.saturating_add(1) } else { 0 };
+        let without_permission = seen.watched && !seen.permitted && edges > 1;
+        self.unpermitted = if without_permission { self.unpermitted.saturating_add(1) } else { 0 };
 
         let stands = self.same.iter().any(|looks| *looks > Self::SAME);
         let unseen = self.unconverted > Self::PULSES || self.unfound > Self::PULSES || stands;

@@ -55,7 +55,7 @@ pub struct Limits {
     pub arcs: pulses::Config,
     /// What hazard, distance and spark frequency are estimated by.
     pub senses: senses::Config,
-    /// What the reflex sees pulses by.
+    /// Thresholds of the reflex, by which its silence in a short is judged.
     pub sight: Sight,
 }
 

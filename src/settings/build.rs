@@ -258,7 +258,7 @@ impl Settings {
         })
     }
 
-    /// What the reflex sees pulses by: not ignited is what lies above the middle of open circuit and spark.
+    /// Thresholds of the reflex, converter codes: not ignited is what lies above the middle of open circuit and spark.
     fn sight(&self, reflex: &reflex::Config) -> Sight {
         let BoundaryConfig { open, spark, .. } = self.boundaries();
         let codes = (0.5 * (open.0 + spark.0) / self.gap_volts_per_code) as u32;

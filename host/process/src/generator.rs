@@ -68,8 +68,8 @@ impl Pulses {
         self.spark + self.arc
     }
 
-    /// Those since an earlier look; none of a class of which that look had one more, because what follows a permission is made again where
-    /// the permission changes.
+    /// Pulses of each class that have come since an earlier look. 0 of a class of which the earlier look had one more: where the permission changes,
+    /// the pulse under way is made again, and may become another one.
     pub fn since(&self, earlier: &Pulses) -> Pulses {
         Pulses {
             open: self.open.saturating_sub(earlier.open),

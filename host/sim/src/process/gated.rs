@@ -27,9 +27,9 @@ pub struct Gated {
     zero: f64,
     noise: f64,
     random: Random,
-    /// By what the head's reflex judges.
+    /// Thresholds of the head's reflex, converter codes.
     pub reflex: reflex::Config,
-    /// Pulses that it has found short.
+    /// Pulses that these thresholds make short.
     pub shorts: u64,
     /// When the gate opened last, us.
     opened: f64,

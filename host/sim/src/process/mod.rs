@@ -260,7 +260,7 @@ impl Process {
         let _ = self.model.process.set_generator(&set);
     }
 
-    /// By what the head's reflex judges.
+    /// Sets the thresholds of the head's reflex, converter codes, and how long it waits in a pulse.
     pub fn set_reflex(&mut self, reflex: reflex::Config) {
         self.gated.reflex = reflex;
     }
