@@ -206,7 +206,7 @@ fn expect_right(truth: &Pulses, of: impl Fn(Class) -> u64) {
 }
 
 #[test]
-fn levels_that_do_not_fit_are_said_so_and_no_spark_is_an_arc() {
+fn levels_that_do_not_fit_are_said_so_and_pulses_are_told_by_what_was_learned() {
     for generator in [WEAK, WEAKER] {
         let mut host = Host::new(generator, "", "", 1);
         assert_eq!((host.teach(16), host.read(0x6041, 0) & WARNING), (0, 0));
@@ -215,8 +215,9 @@ fn levels_that_do_not_fit_are_said_so_and_no_spark_is_an_arc() {
         assert_eq!((host.teach(16), host.read(0x6041, 0) & WARNING), (2, WARNING), "{generator:?}");
         let (truth, of) = host.classes(1000);
         assert_eq!((host.state(), host.head.status().fault), (State::Eroding, None));
-        assert_eq!([Class::Spark, Class::Arc, Class::Short].map(&of), [0; 3], "{truth:?}");
-        assert!(truth.spark > 2000 && of(Class::Uncertain) > 2000, "{truth:?}");
+        let near = |found: u64, made: u64| found.abs_diff(made) <= made / 20 + 30;
+        assert!(truth.spark > 2000 && near(of(Class::Spark), truth.spark), "{truth:?}");
+        assert!(near(of(Class::Arc), truth.arc) && of(Class::Short) == 0, "{truth:?}");
         assert!(of(Class::Open).abs_diff(truth.open) <= truth.total() / 100 + 30, "{truth:?}");
     }
 }

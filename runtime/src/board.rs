@@ -20,7 +20,6 @@ use edm_hal_shim::tick::{Period, ServoTimer};
 use edm_hal_shim::watchdog::Watchdog;
 use edm_servo_head::encoder::Shared as Published;
 use edm_servo_head::gap::GapSource;
-use edm_servo_head::gap::pulses::Fit;
 use edm_servo_head::gap::teach::Shown;
 use edm_servo_head::gap::voltage;
 use edm_servo_head::head::WritePermit;
@@ -49,8 +48,8 @@ pub trait Tunable: GapSource {
     fn collect(&mut self, collects: bool);
     /// There is something to show.
     fn has_news(&self) -> bool;
-    /// Whether the levels of pulses fit, and of the pulses that have ended, the newest.
-    fn look(&mut self) -> (Fit, Option<Shown>);
+    /// What is known of the levels of pulses ([`PulseStream::levels`](edm_servo_head::gap::pulses::PulseStream::levels)), and of the pulses that have ended, the newest.
+    fn look(&mut self) -> (u32, Option<Shown>);
 }
 
 impl Tunable for voltage::Voltage {
@@ -82,7 +81,7 @@ impl Tunable for voltage::Voltage {
         voltage::Voltage::has_news(self)
     }
 
-    fn look(&mut self) -> (Fit, Option<Shown>) {
+    fn look(&mut self) -> (u32, Option<Shown>) {
         voltage::Voltage::look(self)
     }
 }

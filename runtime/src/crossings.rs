@@ -148,8 +148,8 @@ impl Signals {
 pub struct Teaching {
     /// The run that the protocol wants to collect for; 0: none.
     wanted: Word,
-    /// Whether the levels fit the pulses, whatever is collected.
-    pub fit: Word,
+    /// What is known of the levels of pulses, whatever is collected.
+    pub levels: Word,
     /// The run that was collected for, and pulses that burned in it.
     run: Word,
     burned: Word,
@@ -163,7 +163,7 @@ impl Teaching {
     const fn new() -> Teaching {
         Teaching {
             wanted: Word::new(0),
-            fit: Word::new(0),
+            levels: Word::new(0),
             run: Word::new(0),
             burned: Word::new(0),
             burns: [const { Word::new(0) }; BURNS],

@@ -84,8 +84,8 @@ impl<B: Board> Gap<B> {
                 teaching.begin(run);
             }
         }
-        let (fit, shown) = self.source.look();
-        teaching.fit.store(fit as u32);
+        let (levels, shown) = self.source.look();
+        teaching.levels.store(levels);
         if let Some(shown) = shown {
             teaching.add(&shown);
         }

@@ -247,7 +247,7 @@ impl<B: Board> Protocol<B> {
     /// What was seen of the pulses goes to the drive, and what it wants to see to the gap task.
     fn teach(&mut self) {
         let teaching = &self.signals.teaching;
-        self.drive.set_looks_at_levels(teaching.fit.load(), teaching.burned());
+        self.drive.set_looks_at_levels(teaching.levels.load(), teaching.burned());
         teaching.want(self.drive.teaching());
         if self.drive.learns() {
             self.drive.taught(&teaching.gathered());

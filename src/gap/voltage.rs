@@ -11,7 +11,7 @@
 use super::blend::Blend;
 use super::gated::{Gated, PER_BLOCK};
 use super::gates::Gates;
-use super::pulses::{Boundaries, BoundaryConfig, Fit, PulseStream, Seen};
+use super::pulses::{Boundaries, BoundaryConfig, PulseStream, Seen};
 use super::senses::delays::{self, Delays};
 use super::teach::Shown;
 use super::{GapReading, GapSource, Quality};
@@ -216,7 +216,7 @@ parts!(it: Active {
     [it.pulses.words()[0], it.pulses.words()[1], it.pulses.words()[2], it.pulses.words()[3]],
     [it.pulses.words()[4], it.pulses.words()[5], it.pulses.words()[6], it.pulses.words()[7]],
     [it.pulses.words()[8], it.pulses.words()[9], it.pulses.words()[10]],
-    [it.pulses.words()[11], it.pulses.words()[12]],
+    [it.pulses.words()[11], it.pulses.words()[12], it.pulses.words()[13]],
 );
 
 /// The source: [`Config::build`] makes what it runs on.
@@ -343,16 +343,16 @@ impl Voltage {
         self.stream.has_news()
     }
 
-    /// Whether the levels of pulses fit, and what was seen of the newest pulse that ended, while collecting.
-    pub fn look(&mut self) -> (Fit, Option<Shown>) {
-        let (fit, seen) = self.stream.take();
+    /// What is known of the levels of pulses ([`PulseStream::levels`]), and what was seen of the newest pulse that ended, while collecting.
+    pub fn look(&mut self) -> (u32, Option<Shown>) {
+        let (_, seen) = self.stream.take();
         let per_code = Volts(if self.active.scale < 0.0 { -self.active.scale } else { self.active.scale });
         let volts = |codes: i32| Volts(codes as f32 * per_code.0);
         let shown = seen.map(|seen| match seen {
             Seen::Open(codes) => Shown::Open(volts(codes)),
             Seen::Burned(codes, step) => Shown::Burned(volts(codes), step.map(volts)),
         });
-        (fit, shown)
+        (self.stream.levels(), shown)
     }
 
     /// What it runs on.

@@ -535,7 +535,7 @@ impl Supervisor {
             sight: limits.sight,
         };
         let pulses = self.pulses.look(counters.pulses, seen);
-        let arcs = self.classes.look(&limits.arcs, &now.counts, now.pulses);
+        let arcs = self.classes.look(&limits.arcs, &now.counts, now.pulses, now.short);
         let gateless = now.quality == Quality::NoGate || limits.gated && !self.pulses.gate_seen();
         let gate = self.gate.longer_than(limits.gap_ms, now.pulses && gateless);
         let silent = self.host.longer_than(limits.host_ms, follows && !host_alive) && limits.host_ms > 0;

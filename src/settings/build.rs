@@ -434,6 +434,7 @@ impl Settings {
             reversed: self.gap_reversed,
             // The gap has 86 % of its voltage then.
             blanking: Seconds(2e-6 * self.gap_charging_us),
+            arc_delay: Seconds(1e-6 * self.gap_arc_delay_us),
         }
     }
 
@@ -561,7 +562,12 @@ impl Settings {
                 bus_min: Volts(self.motor_bus_min),
                 current_max: Amps(self.motor_peak * 1.25),
                 current_ms: 2,
-                arcs: pulses::Config { share: self.arc_share, ms: self.arc_ms, jump: self.jump_arcs },
+                arcs: pulses::Config {
+                    share: self.arc_share,
+                    ms: self.arc_ms,
+                    jump: self.jump_arcs,
+                    undelayed: self.undelayed_ms,
+                },
                 senses,
                 sight: Sight::default(),
             },

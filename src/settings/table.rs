@@ -73,8 +73,7 @@ declare! {
         /// Gap voltage below which a pulse with current, and no short, is an arc: below what sparks in this material burn with, or
         /// they are taken for arcs.
         0x2100:19 gap_arc: f32 = 34.0, (1.0, 200.0), "gap.arc_below_v", "V", "assumed: midway from arcs of 28 V to sparks of 40 V", rises "a lower one would hide arcs";
-        /// Open-circuit voltage of the generator for which gap.spark_v, gap.arc_below_v and gap.short_v hold. Where open pulses differ
-        /// from it by more than 15 %, pulses that burned are uncertain. A teach-in, 2013h, finds it and the others.
+        /// Open-circuit voltage of the generator. A teach-in, 2013h, finds it, and the levels below; sparks and arcs are learned at work as well.
         0x2100:20 gap_open: f32 = 100.0, (10.0, 400.0), "gap.open_v", "V", "[R] section 4.4", live;
         /// Burning voltage of a spark. A pulse above the middle between this and gap.open_v has not ignited.
         0x2100:21 gap_spark: f32 = 40.0, (1.0, 300.0), "gap.spark_v", "V", "[R] section 4.4", live;
@@ -112,6 +111,8 @@ declare! {
         0x2100:37 charging_shortest: f32 = 0.52, (0.0, 100.0), "gap.charging_shortest_us", "us", "[X] table 2: 80 um", disabled "a controlled distance relies on it";
         /// Longest time constant for which the polynomial holds.
         0x2100:38 charging_longest: f32 = 1.66, (0.0, 100.0), "gap.charging_longest_us", "us", "[X] table 2: 10 um", disabled "a controlled distance relies on it";
+        /// Longest ignition delay of an arc, from 70 % of the open circuit on: what waits longer is a spark, whatever it burns at.
+        0x2100:39 gap_arc_delay_us: f32 = 4.0, (0.5, 1000.0), "gap.arc_delay_us", "us", "assumed: arcs of the process model wait for 3 us at the most", falls "sparks would be taken for what they are not";
 
         /// Off-time requested of the generator; 0 leaves its own.
         0x2101:1 generator_off_time_us: f32 = 0.0, (0.0, 200.0), "generator.off_time_us", "us", "assumed: setting of the generator itself; range of docs/wiring.md", live;
@@ -321,6 +322,8 @@ declare! {
         0x210A:10 arc_ms: u32 = 50, (0, 10_000), "supervise.arc_ms", "ms", "assumed", falls "a fault would be detected later";
         /// Radius of the electrode's face, as a disc: in a narrow gap the film of dielectric under a large one holds the head.
         0x210A:11 face: f32 = 1500.0, (0.0, 30_000.0), "supervise.face_um", "um", "assumed; of the electrode", falls "a dead encoder would be detected later";
+        /// Longest time for which every pulse, 2000 at the least, may burn without one that waited longer than gap.arc_delay_us; 0: not supervised.
+        0x210A:12 undelayed_ms: u32 = 300, (0, 10_000), "supervise.undelayed_ms", "ms", "assumed: a retreat takes less", falls_from_never "an arc would be detected later, or never, where its voltage is that of a spark";
 
         /// Longest lift of a head without a closed loop.
         0x210B:1 lift_ms: f32 = 300.0, (1.0, 300.0), "lift.ms", "ms", "docs/architecture.md", disabled "the lift of a fault is calculated from it";

@@ -241,6 +241,7 @@ impl Bench {
         let arc = self.ticks * u64::from(self.arcs) % 100 < u64::from(self.arcs);
         let class = if arc { Class::Arc } else { Class::Open };
         self.counts.classes[class as usize] += u32::from(edges / 2);
+        self.counts.waits += if arc { 0 } else { u32::from(edges / 2) };
         // A sound converter.
         let noise = (self.ticks % 7) as u16;
         self.pulses.newest = [2048, 1410].map(|code| code + noise);

@@ -213,7 +213,7 @@ pub const SHARED: u32 = 4 * 1024;
 /// What everything at once may take of the stack, bytes; RAM leaves more than twice as much.
 pub const STACK: u32 = 28 * 1024;
 /// What lies below and nobody may touch as data, bytes: no frame may be larger. It holds the code that runs from RAM.
-pub const STACK_GUARD: u32 = 32 * 1024;
+pub const STACK_GUARD: u32 = 40 * 1024;
 /// Where that code is fetched: SRAM1 appears at address 0.
 pub const FAST: u32 = RAM_END - STACK - STACK_GUARD - 0x2000_0000;
 

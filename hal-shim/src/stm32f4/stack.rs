@@ -11,13 +11,22 @@ use crate::board::{RAM_END, STACK, STACK_GUARD};
 use cortex_m::peripheral::MPU;
 
 const BASE: u32 = RAM_END - STACK - STACK_GUARD;
+/// The guard is two regions, the larger one above.
+const UPPER: u32 = 1 << STACK_GUARD.ilog2();
+const LOWER: u32 = STACK_GUARD - UPPER;
+/// Where the upper one begins.
+const MIDDLE: u32 = BASE + LOWER;
 // A region is a power of two, 32 bytes at least, and a multiple of itself.
-const _: () = assert!(STACK_GUARD.is_power_of_two() && STACK_GUARD >= 32 && BASE.is_multiple_of(STACK_GUARD));
+const _: () =
+    assert!(LOWER.is_power_of_two() && LOWER >= 32 && BASE.is_multiple_of(LOWER) && MIDDLE.is_multiple_of(UPPER));
 
-/// Region 0, with the number in the address.
-const REGION: u32 = 1 << 4;
+/// Regions 0 and 2, with the number in the address.
+const UPPER_REGION: u32 = MIDDLE | 1 << 4;
+const LOWER_REGION: u32 = BASE | 1 << 4 | 2;
 /// No access at all, nothing to be executed, of 2^(SIZE + 1) bytes; enabled.
-const NO_ACCESS: u32 = 1 << 28 | (STACK_GUARD.ilog2() - 1) << 1 | 1;
+const fn no_access(bytes: u32) -> u32 {
+    1 << 28 | (bytes.ilog2() - 1) << 1 | 1
+}
 /// Region 1: SRAM1 where code is fetched, read only, cached as memory is by default (B3.5.9), of 128 KiB.
 const CODE: u32 = 1 << 4 | 1;
 const READ_ONLY: u32 = 6 << 24 | 1 << 17 | 16 << 1 | 1;
@@ -39,8 +48,10 @@ pub fn guard(mpu: &mut MPU) {
     // SAFETY: nothing that this program uses as data lies in the guard: variables end below (`cargo firmware` looks), and the stack
     // above. Nothing is written where code is fetched.
     unsafe {
-        mpu.rbar.write(BASE | REGION);
-        mpu.rasr.write(NO_ACCESS);
+        mpu.rbar.write(UPPER_REGION);
+        mpu.rasr.write(no_access(UPPER));
+        mpu.rbar.write(LOWER_REGION);
+        mpu.rasr.write(no_access(LOWER));
         mpu.rbar.write(CODE);
         mpu.rasr.write(READ_ONLY);
         mpu.ctrl.write(ENABLE);

@@ -14,11 +14,13 @@ use std::time::{Duration, Instant};
 
 /// Qualities (2005h:3) of a voltage that means something: valid, at the end of the range, reversed.
 pub const MEASURED: [i64; 3] = [1, 3, 4];
-/// Whether the levels of pulses fit (2013h:16): do not fit.
-const DO_NOT_FIT: i64 = 2;
-/// What to do then.
-const TEACH: &str = "The levels do not fit this generator: pulses that burned are uncertain, and arcs are not counted. Teach them: \
-    write 1 to 2013h:1, erode, and apply with 2; or set gap.open_v, gap.spark_v, gap.arc_below_v and gap.short_v.";
+/// What to do where the levels of the settings are not those of the pulses, by 2013h:16 from 2 on.
+const TEACH: [&str; 3] = [
+    "The levels do not fit this generator. Pulses are told by what the head has learned of sparks; pauses and the reflex go by the settings. Teach them: \
+     write 1 to 2013h:1, erode, and apply with 2; or set gap.open_v, gap.spark_v, gap.arc_below_v and gap.short_v.",
+    "Open pulses and sparks differ from their levels by one share: the divider of the gap voltage is another one. Correct gap.volts_per_code.",
+    "Open pulses differ from gap.open_v, sparks do not differ from gap.spark_v: the generator has another supply. Set gap.open_v.",
+];
 /// Classes of pulses: shares in 200Fh:1 to 6, half percents.
 const CLASSES: u16 = 0x200F;
 /// Counts of the same classes, 2012h:11 to 15, in the order of [`NAMES`].
@@ -370,7 +372,7 @@ fn window(head: &Head) -> Result<Vec<(String, u32)>, Failure> {
 }
 
 /// How it sparks, and whether that is as it should be.
-fn verdict(shares: &[Share], senses: Option<&Senses>, levels: bool) -> (String, Option<bool>) {
+fn verdict(shares: &[Share], senses: Option<&Senses>) -> (String, Option<bool>) {
     let percent = |what: &str| {
         let of = |share: &&Share| share.what == what;
         shares.iter().find(of).and_then(|share| share.percent).unwrap_or(0.0)
@@ -379,9 +381,7 @@ fn verdict(shares: &[Share], senses: Option<&Senses>, levels: bool) -> (String, 
         return ("No pulses".into(), None);
     }
     let (spark, open, bad) = (percent("spark"), percent("open"), percent("arc") + percent("short"));
-    let said = if levels {
-        "What the pulses were is not known: the levels do not fit".into()
-    } else if spark >= 50.0 && bad < SPOILT {
+    let said = if spark >= 50.0 && bad < SPOILT {
         return (format!("Sparks well: {spark:.0} % of all pulses"), Some(true));
     } else if bad >= SPOILT {
         format!("Arcs and shorts: {bad:.0} % of all pulses; sparks: {spark:.0} %")
@@ -426,7 +426,8 @@ impl Gap {
         let shares: Vec<Share> =
             shares.into_iter().map(|(what, count)| Share { what, percent: share(count) }).collect();
         // A head of 0.2.0 has no such object.
-        let levels = head.whole(at::LEVELS).is_ok_and(|fit| fit == DO_NOT_FIT).then_some(TEACH);
+        let fit = head.whole(at::LEVELS).ok().and_then(|fit| usize::try_from(fit).ok());
+        let levels = fit.and_then(|fit| TEACH.get(fit.checked_sub(2)?)).copied();
         let now = head.whole(at::STATE)?;
         let feed_um_s = if state::LED.contains(&(now as u8)) { Some(head.number(at::FEED)?) } else { None };
         let volts = MEASURED.contains(&quality).then_some(volts);
@@ -445,7 +446,7 @@ impl Gap {
             }
             _ => None,
         };
-        let (verdict, good) = verdict(&shares, senses.as_ref(), levels.is_some());
+        let (verdict, good) = verdict(&shares, senses.as_ref());
         Ok(Gap {
             node: head.node,
             state: named(at::STATE, now),

@@ -1145,13 +1145,15 @@ fn levels_that_do_not_fit_are_shown_in_the_gap_with_what_to_do() {
     };
     let (code, _, why) = run(&rig.connection(), &["settings", "set", "gap.open_v=130"]);
     assert_eq!(code, Some(0), "{why}");
-    assert!(!gap().contains("do not fit"), "no pulse was seen");
+    // Before sparks were looked at it is not known what differs.
+    let tells = |said: &str| said.contains("The levels do not fit this generator") || said.contains("another supply");
+    assert!(!tells(&gap()), "no pulse was seen");
     let mut boring = rig::start(&rig.connection(), &["bore", "--depth", "0.5"], Stdio::piped());
     rig.until(|truth| truth.state == State::Eroding);
     let said = gap();
     boring.kill().unwrap();
     boring.wait().unwrap();
-    assert!(said.contains("The levels do not fit this generator") && said.contains("2013h:1"), "{said}");
+    assert!(tells(&said) && said.contains("gap.open_v"), "{said}");
 }
 
 /// Shares of open pulses, sparks, arcs and shorts, and uncertain pulses, %, of all of them.

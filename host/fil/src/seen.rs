@@ -254,10 +254,10 @@ impl Places {
             "edm_servo_head::head::supervise::Limits" SupervisionLimits: following, following_ms, runaway, velocity, resistance,
                 encoder_ms, gated, gap_ms, host_ms, bus_min, current_max, current_ms, arcs, senses, sight;
             "edm_servo_head::gap::pulse_watch::Sight" Sight: current, voltage, open;
-            "edm_servo_head::gap::pulses::Config" ArcConfig: share, ms;
+            "edm_servo_head::gap::pulses::Config" ArcConfig: share, ms, jump, undelayed;
             "edm_servo_head::gap::senses::Config" SensesConfig: memory, material;
             "edm_servo_head::gap::charging::Material" Material: coefficients, shortest, longest;
-            "edm_servo_head::gap::pulses::stream::Counts" Counts: classes, charged, charging, waited, ignited;
+            "edm_servo_head::gap::pulses::stream::Counts" Counts: classes, charged, charging, waited, ignited, waits;
             "edm_hal_shim::gap::Edges" Edges: at, count;
             "edm_servo_head::head::positioning::MotionLimits" MotionLimits: velocity, acceleration, deceleration;
             "edm_servo_head::head::positioning::Home" Home: method, fast, slow, acceleration, at;
@@ -693,6 +693,7 @@ fn arcs(view: &View) -> Result<ArcConfig> {
         share: view.word(at!(ArcConfig, share))?,
         ms: view.word(at!(ArcConfig, ms))?,
         jump: view.word(at!(ArcConfig, jump))?,
+        undelayed: view.word(at!(ArcConfig, undelayed))?,
     })
 }
 
@@ -733,6 +734,7 @@ fn counts(view: &View) -> Result<Counts> {
         charging: view.word(at!(Counts, charging))?,
         waited: view.word(at!(Counts, waited))?,
         ignited: view.word(at!(Counts, ignited))?,
+        waits: view.word(at!(Counts, waits))?,
     })
 }
 

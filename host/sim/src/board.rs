@@ -26,7 +26,6 @@ use edm_hal_shim::watchdog::{Stuck, Watchdog};
 use edm_runtime::Note;
 use edm_runtime::board::{Board, Caller, Pulse, Tunable};
 use edm_servo_head::encoder::Shared as Published;
-use edm_servo_head::gap::pulses::Fit;
 use edm_servo_head::gap::teach::Shown;
 use edm_servo_head::gap::{GapReading, GapSource, Surrogate, SurrogateConfig, Voltage, voltage};
 use edm_servo_head::units::{CLOCK_HZ, FRACTION_BITS, Fixed, Volts};
@@ -328,7 +327,7 @@ impl Tunable for Source {
         Tunable::has_news(&self.voltage)
     }
 
-    fn look(&mut self) -> (Fit, Option<Shown>) {
+    fn look(&mut self) -> (u32, Option<Shown>) {
         Tunable::look(&mut self.voltage)
     }
 }

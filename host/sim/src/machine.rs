@@ -374,6 +374,11 @@ impl Machine {
         self.core.signals.steps.each_ref().map(edm_crossing::atomic::Word::load)
     }
 
+    /// What the gap task knows of the levels of pulses: 2013h:16 to 18.
+    pub fn levels(&self) -> u32 {
+        self.core.signals.teaching.levels.load()
+    }
+
     /// Whether the generator may pulse after the last tick.
     pub fn pulses(&self) -> bool {
         self.core.ports.pulses.get()

@@ -136,6 +136,7 @@ fn pulses_that_the_levels_do_not_fit_are_uncertain_as_on_the_head() {
     let levels = |open: f32| Settings { gap_open: open, ..Settings::default() };
     let [good, bad] = [100.0, 130.0].map(|open| run(&recording, &levels(open), Gate::AsRecorded).unwrap());
     assert_eq!((good.fit, good.pulses[Class::Uncertain as usize]), (Fit::Fits, 0));
+    // No pulse of these waits as no arc does: nothing is learned.
     assert_eq!(bad.fit, Fit::DoesNotFit);
     assert!(bad.pulses[Class::Uncertain as usize] > 1000 && bad.summary(&recording).contains("do not fit"));
     for replay in [good, bad] {

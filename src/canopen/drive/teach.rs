@@ -96,7 +96,7 @@ pub(super) struct Teach {
     last: bool,
     taught: Option<Taught>,
     /// As the gap task says.
-    fit: u32,
+    levels: u32,
     burned: u32,
 }
 
@@ -119,7 +119,8 @@ impl Teach {
 
     /// Whether the levels fit the pulses.
     pub fn does_not_fit(&self) -> bool {
-        self.fit == Fit::DoesNotFit as u32
+        let [fit, ..] = self.levels.to_le_bytes();
+        fit > Fit::Fits as u8
     }
 
     /// What an object reads.
@@ -142,15 +143,23 @@ impl Teach {
                 let apart = self.taught.and_then(|taught| taught.apart).unwrap_or(0.0);
                 i64::from((apart * 10.0) as u16)
             }
-            _ => self.fit.into(),
+            _ => {
+                let [fit, share, error, _] = self.levels.to_le_bytes();
+                i64::from(match item {
+                    Item::ArcsUndelayed | Item::ArcsUndelayedError if fit == Fit::Unknown as u8 => u8::MAX,
+                    Item::ArcsUndelayed => share,
+                    Item::ArcsUndelayedError => error,
+                    _ => fit,
+                })
+            }
         }
     }
 }
 
 impl Drive {
-    /// Takes whether the levels fit ([`Fit`]), and how many burning pulses were collected in a run, once a millisecond.
-    pub fn set_looks_at_levels(&mut self, fit: u32, burned: (u32, u32)) {
-        self.teach.fit = fit;
+    /// Takes what is known of the levels of pulses, and how many burning pulses were collected in a run, once a millisecond.
+    pub fn set_looks_at_levels(&mut self, levels: u32, burned: (u32, u32)) {
+        self.teach.levels = levels;
         if burned.0 == self.teach.run && self.teach.collects() {
             self.teach.burned = burned.1;
         }
@@ -188,9 +197,9 @@ impl Drive {
                     false => Contact::NotSensed,
                 };
                 let step = if contact == Contact::NotYet { Step::Touch } else { Step::OpenCircuit };
-                let Teach { run, fit, .. } = self.teach;
+                let Teach { run, levels, .. } = self.teach;
                 let run = run.wrapping_add(1).max(1);
-                self.teach = Teach { step, contact, run, fit, ..Teach::default() };
+                self.teach = Teach { step, contact, run, levels, ..Teach::default() };
             }
             _ => return self.apply_taught(),
         }
@@ -227,8 +236,8 @@ impl Drive {
 
     /// The node begins anew.
     pub(super) fn forget_teaching(&mut self) {
-        let Teach { run, fit, .. } = self.teach;
-        self.teach = Teach { run, fit, ..Teach::default() };
+        let Teach { run, levels, .. } = self.teach;
+        self.teach = Teach { run, levels, ..Teach::default() };
     }
 
     /// Goes on, once a millisecond.

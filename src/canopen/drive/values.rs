@@ -348,7 +348,9 @@ impl Drive {
             | Item::TaughtShort
             | Item::TaughtNoise
             | Item::TaughtApart
-            | Item::LevelsFit => self.teach.number(item),
+            | Item::LevelsFit
+            | Item::ArcsUndelayed
+            | Item::ArcsUndelayedError => self.teach.number(item),
             Item::ScopeState => self.scope.phase() as i64,
             Item::ScopeCount => self.scope.count().into(),
             Item::FastState => self.fast.phase().into(),

@@ -303,7 +303,9 @@ objects! {
         13 TaughtShort: u16, ro, no, U16, 0, "0.01 V", live, "Short boundary: proposed for gap.short_v";
         14 TaughtNoise: u16, ro, no, U16, 0, "0.01 V", live, "Noise: proposed for gap.noise_v";
         15 TaughtApart: u16, ro, no, U16, 0, "", live, "Separation: distance of arcs and sparks in tenths of the standard deviation of what they burned at; 0 no arcs were seen, and 0.7 of a spark's voltage is assumed for them";
-        16 LevelsFit: u8, ro, tx, (0, 2), 0, "", live, "Levels: 0 not known yet, 1 fit, 2 do not fit: pulses that burned are uncertain";
+        16 LevelsFit: u8, ro, tx, (0, 4), 0, "", live, "Levels of the settings: 0 not known yet, 1 fit, 2 do not fit, 3 another divider of the gap voltage, 4 another supply of the generator; pulses are told by what was learned";
+        17 ArcsUndelayed: u8, ro, tx, U8, 255, "%", live, "Arcs: estimated share of the burning pulses that waited for less than gap.arc_delay_us; 255 not known";
+        18 ArcsUndelayedError: u8, ro, tx, U8, 255, "%", live, "Arcs: standard error of that share";
     }
     0x2014 "Inch-worm" {
         1 InchState: u8, ro, tx, (0, 5), 0, "", live, "State: 0 the coarse axis is not needed, 1 the head touches the bottom or goes up, 2 asks the host to move the coarse axis to 2014h:3, 3 looks for the bottom or goes back to it, 4 late: no answer in inch.patience_s, or held, 5 contradiction: what the host said, or the bottom, is farther than inch.tolerance_um from what was asked";

@@ -1,38 +1,53 @@
-//! Single pulses looked at closely: whether the levels fit them, and what burned, for a teach-in.
+//! Single pulses looked at closely: levels learned from what they burn at, and what burned, for a teach-in.
 //!
-//! Levels that do not fit call sparks arcs, or open pulses sparks. One pulse a millisecond is compared with them:
+//! A pulse that waited longer than any arc (`gap.arc_delay_us`) is a spark whatever it burns at. So one pulse a millisecond teaches what this
+//! generator's sparks burn at, S with the standard deviation s, and what the others do, which ignited sooner and are sparks or arcs. Arcs burn lower by d, and are
+//! a share q of the others. The others' mean is S - q d, and their mean square about S is s^2 + q d^2 (method of moments), so
 //!
-//! - a pulse that did not ignite, with `gap.open_v`: it has to be within [`OPEN_WITHIN`] of it;
-//! - one that burned and was named, with all levels: its mean has to lie nearer to a level than to a boundary. Of levels that fit
-//!   59 % do at the noise that leaves a class right in 95 %, and more with less (normal, a boundary half-way between levels).
+//! ```text
+//! d = (mean square about S - s^2) / (S - mean)         known from 4 standard errors of S - mean on
+//! ```
 //!
-//! Of each kind a counter goes up where it does not and down where it does. The levels *do not fit* from a lead of [`MANY`] on until both
-//! counters are back at 0. A pulse that burned is *uncertain* then, whatever the levels make of it: nothing follows from arcs
-//! that are none. Open pulses stay what they are. The comparator needs no level for them; where it is not believed, the
-//! boundary to what has ignited is taken at [`IGNITED`] of the highest voltage seen of late instead of midway between levels.
+//! and q = (S - mean) / d. Before that arcs are taken to burn at 0.7 S, as in \[R\] section 4.4 with the arcs of the process model. The boundary of arcs is S - d / 2, that of shorts
+//! half of an arc at most. Where d is less than 4 s the levels overlap: a pulse that waited for less is *uncertain*.
+//!
+//! Until [`LEARNED`] sparks were looked at the levels are those of the settings, unless the open circuit is another one: then what ignites at once is
+//! uncertain. The open circuit itself moves no level but the boundary to what has ignited, and only where the comparator does not show it.
+//! Levels that are not those of the settings are told ([`Fit`]), and nothing follows from it.
 
-use super::class::{Class, Levels};
+use super::class::Class;
 use super::samples::{ARC_LEAST, Boundaries, Evidence, SHOWN_LEAST};
+use crate::units::within;
 
-/// Share of `gap.open_v` by which an open pulse may differ, in a hundredth. Generators of 100, 80 and 65 V are told apart, a supply
-/// that gives 10 % more or less is not another one.
-const OPEN_WITHIN: i32 = 15;
-/// Share of the open circuit, in a hundredth, below which a pulse burns where the levels do not fit: sparks burn at 0.31 to 0.4 of
+/// Share of a level by which it may differ from its setting.
+const WITHIN: f32 = 0.15;
+/// Share by which open circuit and sparks may differ from each other, both over their settings, where it is the divider that is wrong.
+const TOGETHER: f32 = 0.07;
+/// Share of the open circuit below which a pulse burns while no level is learned and the open circuit is another one: sparks burn at 0.31 to 0.4 of
 /// it (80/25 V to 100/40 V), so that is midway.
-const IGNITED: i32 = 67;
-/// Lead of looks that do not fit over those that do, from which the levels do not.
-const MANY: u8 = 16;
-/// Largest lead that is counted: what fits again shows within so many looks.
-const MOST: u8 = 2 * MANY;
+const IGNITED: f32 = 0.67;
+/// Looks at sparks from which their level is learned, and looks from which something is said of the levels.
+const LEARNED: u16 = 16;
+/// Looks at the others from which the level of arcs is learned.
+const OTHERS: u16 = 64;
+/// Looks at sparks, or at open pulses, that are remembered; and looks at the others, whose share of arcs changes.
+const MEMORY: u16 = 512;
+const MEMORY_OTHERS: u16 = 192;
+/// Arc over spark where no arcs were seen.
+const ASSUMED: f32 = 0.7;
+/// Standard errors from which a difference is one, standard deviations from which two levels are two.
+const APART: f32 = 4.0;
+
 /// Share of the highest voltage of late that each look forgets, 2^-8: a tenth in 27 looks.
 const FORGETS: u32 = 8;
+/// Times `gap.spark_v` from which the highest voltage is one of an open circuit that no comparator shows.
+const ABOVE: f32 = 1.25;
 
 /// A reason to look at pulses: the bits of `Looks::why`.
 const LOOK: u8 = 1;
-const DOUBT: u8 = 2;
-const COLLECT: u8 = 4;
+const COLLECT: u8 = 2;
 
-/// Whether levels fit the pulses.
+/// Whether the levels of the settings fit the pulses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
@@ -42,8 +57,12 @@ pub enum Fit {
     Unknown,
     /// They do.
     Fits,
-    /// They do not: pulses that burned are uncertain.
+    /// They do not.
     DoesNotFit,
+    /// Open circuit and sparks differ by the same share: the divider of the gap voltage is another one.
+    Divider,
+    /// The open circuit differs, and sparks do not: the supply of the generator is another one.
+    Supply,
 }
 
 /// What a pulse showed, in codes above no voltage.
@@ -56,46 +75,75 @@ pub enum Seen {
     Burned(i32, Option<i32>),
 }
 
+/// Mean and variance of late, codes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+struct Level {
+    count: u16,
+    mean: f32,
+    variance: f32,
+}
+
+impl Level {
+    fn add(&mut self, codes: i32, memory: u16) {
+        self.count = self.count.saturating_add(1).min(memory);
+        let share = 1.0 / f32::from(self.count);
+        let from = codes as f32 - self.mean;
+        self.mean += share * from;
+        self.variance += share * ((1.0 - share) * from * from - self.variance);
+    }
+}
+
 /// Looks so far. See the [module](self).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(super) struct Looks {
     why: u8,
     /// Something is there to be taken.
     news: bool,
     fit: Fit,
-    /// Leads of looks that do not fit: at open pulses, at those that burned.
-    leads: [u8; 2],
-    looked: u8,
-    /// Highest voltage of late, codes.
+    /// Open circuit; what burned after a wait that no arc has; what burned sooner.
+    open: Level,
+    sparks: Level,
+    others: Level,
+    /// Highest voltage at the end of a pulse of late, codes; looks so far.
     top: i32,
-    /// Boundary to the open circuit by the levels.
-    set: i32,
+    looked: u16,
+    /// Share of arcs among the others, and its standard error, percent.
+    arcs: [u8; 2],
     seen: Option<Seen>,
 }
 
+/// A share that is not known.
+const UNKNOWN: [u8; 2] = [u8::MAX; 2];
+
 impl Looks {
     /// None yet.
-    pub fn new(boundaries: &Boundaries) -> Looks {
-        let set = boundaries.ignited_below();
-        Looks { why: 0, news: false, fit: Fit::Unknown, leads: [0; 2], looked: 0, top: 0, set, seen: None }
-    }
+    pub const NEW: Looks = {
+        const NONE: Level = Level { count: 0, mean: 0.0, variance: 0.0 };
+        Looks {
+            why: 0,
+            news: false,
+            fit: Fit::Unknown,
+            open: NONE,
+            sparks: NONE,
+            others: NONE,
+            top: 0,
+            looked: 0,
+            arcs: UNKNOWN,
+            seen: None,
+        }
+    };
 
     /// Begins anew with other boundaries; collecting goes on.
-    pub fn retune(&mut self, boundaries: &Boundaries) {
-        *self = Looks { why: self.why & COLLECT, news: true, ..Looks::new(boundaries) };
+    pub fn retune(&mut self) {
+        *self = Looks { why: self.why & COLLECT, news: true, ..Looks::NEW };
     }
 
-    /// A pulse of this class is to be looked at. What is uncertain tells nothing of the levels: the next one may.
+    /// A pulse of this class is to be looked at. What is uncertain tells nothing, the next one may; but where levels overlap it does.
     #[inline(always)]
-    pub fn are_due(&self, class: Class) -> bool {
-        self.why != 0 && (class != Class::Uncertain || self.why & COLLECT != 0)
-    }
-
-    /// Nothing is to be learned of pulses, but the levels do not fit them.
-    #[inline(always)]
-    pub fn only_doubt(&self) -> bool {
-        self.why == DOUBT
+    pub fn are_due(&self, class: Class, overlap: bool) -> bool {
+        self.why != 0 && (class != Class::Uncertain || overlap || self.why & COLLECT != 0)
     }
 
     /// Looks at the next pulse that ends.
@@ -122,16 +170,14 @@ impl Looks {
         (self.fit, self.seen.take())
     }
 
-    /// Looks at a pulse that has ended, with the conversions at hand that belong to its newest part, the oldest first; gives the class
-    /// that it has then.
-    pub fn at(
-        &mut self,
-        boundaries: &mut Boundaries,
-        evidence: &Evidence,
-        codes: &[u16],
-        class: Class,
-        charged: bool,
-    ) -> Class {
+    /// Whether the levels fit, share of arcs among pulses that did not wait and its standard error, percent (255: not known): a byte each.
+    pub fn word(&self) -> u32 {
+        let [share, error] = self.arcs;
+        u32::from_le_bytes([self.fit as u8, share, error, 0])
+    }
+
+    /// Looks at a pulse that has ended, with the conversions at hand that belong to its newest part, the oldest first. `waited`: as no arc does.
+    pub fn at(&mut self, boundaries: &mut Boundaries, evidence: &Evidence, codes: &[u16], class: Class, waited: bool) {
         let levels = *boundaries.levels();
         let last = codes.last().map(|code| levels.voltage(*code));
         self.top = self.top.max(last.unwrap_or(0));
@@ -148,65 +194,83 @@ impl Looks {
         if self.why & COLLECT != 0 && seen.is_some() {
             (self.seen, self.news) = (seen, true);
         }
-        let set = boundaries.set();
-        let fits = match seen {
-            Some(Seen::Open(volts)) => Some((0, is_open(volts, set))),
-            // Where noise leaves the class open it leaves this open, too. What has been charged is no short: its discharge is over.
-            Some(Seen::Burned(mean, _)) => match evidence.class(boundaries) {
-                Class::Short if charged => None,
-                Class::Spark | Class::Arc | Class::Short => Some((1, is_near(mean, &levels, self.set, set))),
-                _ => None,
-            },
-            None => None,
-        };
-        if let Some((kind, fits)) = fits.filter(|_| self.why & LOOK != 0) {
-            self.judge(boundaries, kind, fits);
+        if self.why & LOOK == 0 {
+            return;
         }
-        if self.why & DOUBT != 0 { doubted(class) } else { class }
+        match seen {
+            Some(Seen::Open(codes)) => self.open.add(codes, MEMORY),
+            Some(Seen::Burned(mean, _)) if waited => self.sparks.add(mean, MEMORY),
+            Some(Seen::Burned(mean, _)) if class != Class::Short => self.others.add(mean, MEMORY_OTHERS),
+            _ => return,
+        }
+        self.why &= !LOOK;
+        self.looked = self.looked.saturating_add(1);
+        self.learn(boundaries);
+        self.top -= self.top >> FORGETS;
     }
 
-    /// One more look.
-    fn judge(&mut self, boundaries: &mut Boundaries, kind: usize, fits: bool) {
-        self.why &= !LOOK;
-        self.top -= self.top >> FORGETS;
-        if let Some(lead) = self.leads.get_mut(kind) {
-            *lead = if fits { lead.saturating_sub(1) } else { lead.saturating_add(1).min(MOST) };
+    /// One more look: the levels as they are known now.
+    fn learn(&mut self, boundaries: &mut Boundaries) {
+        let (open, sparks, others) = (self.open, self.sparks, self.others);
+        let [set_open, set_spark] = boundaries.set().map(|level| level as f32);
+        let differs = |is: f32, set: f32| (is - set).max(set - is) > WITHIN * set;
+        let top = self.top as f32;
+        let top = if open.count >= LEARNED {
+            open.mean
+        } else if self.looked >= OTHERS && sparks.count < LEARNED && top > ABOVE * set_spark {
+            top
+        } else {
+            set_open
+        };
+        let another = differs(top, set_open);
+        let learned = sparks.count >= LEARNED && sparks.mean > 1.0;
+        let Apart { lower, arcs } = Apart::of(&sparks, &others);
+        self.news |= core::mem::replace(&mut self.arcs, if learned { arcs } else { UNKNOWN }) != self.arcs;
+        let boundaries_of = |levels: [f32; 3]| Some(levels.map(|level| level as i32));
+        if learned {
+            let overlap = lower * lower < APART * APART * sparks.variance;
+            let (short, arc) = (0.5 * (sparks.mean - lower), sparks.mean - 0.5 * lower);
+            boundaries.learn(boundaries_of([short, arc, 0.5 * (sparks.mean + top)]), overlap);
+        } else if another {
+            // Whatever burns, it is not known at what.
+            boundaries.learn(boundaries_of([top / 16.0, top, IGNITED * top]), true);
+        } else {
+            boundaries.learn(None, false);
         }
-        self.looked = self.looked.saturating_add(1);
-        let [open, burning] = self.leads;
-        // It ends where it began: at no lead at all.
-        let least = if self.why & DOUBT != 0 { 1 } else { MANY };
-        let doubts = open.max(burning) >= least;
-        self.why = if doubts { self.why | DOUBT } else { self.why & !DOUBT };
-        boundaries.set_ignited_below(if doubts { self.top / 100 * IGNITED } else { self.set });
-        let fit = match doubts {
-            true => Fit::DoesNotFit,
-            false if self.looked < MANY => Fit::Unknown,
-            false => Fit::Fits,
+        let known = another || learned || open.count >= LEARNED;
+        let burns = learned && differs(sparks.mean, set_spark);
+        let [one, other] = [top * set_spark, sparks.mean * set_open];
+        let together = (one - other).max(other - one) <= TOGETHER * one;
+        let fit = match (another, burns) {
+            _ if !known => Fit::Unknown,
+            (false, false) => Fit::Fits,
+            (true, _) if learned && together => Fit::Divider,
+            (true, false) if learned => Fit::Supply,
+            _ => Fit::DoesNotFit,
         };
         self.news |= core::mem::replace(&mut self.fit, fit) != fit;
     }
 }
 
-/// What a pulse is where the levels do not fit.
-pub(super) fn doubted(class: Class) -> Class {
-    match class {
-        Class::Spark | Class::Arc | Class::Short => Class::Uncertain,
-        class => class,
+/// Arcs, by what is known of the others.
+struct Apart {
+    /// By how much they burn lower than sparks, codes.
+    lower: f32,
+    /// Their share of the others and its standard error, percent.
+    arcs: [u8; 2],
+}
+
+impl Apart {
+    fn of(sparks: &Level, others: &Level) -> Apart {
+        let lower = sparks.mean - others.mean;
+        let square = others.variance + lower * lower;
+        // Of the mean of the others less that of the sparks, squared.
+        let error = square / f32::from(others.count.max(1)) + sparks.variance / f32::from(sparks.count.max(1));
+        if others.count < OTHERS || lower <= 0.0 || lower * lower < APART * APART * error {
+            return Apart { lower: (1.0 - ASSUMED) * sparks.mean, arcs: UNKNOWN };
+        }
+        let apart = within((square - sparks.variance) / lower, lower, 0.9 * sparks.mean);
+        let percent = |share: f32| (100.0 * share + 0.5) as u8;
+        Apart { lower: apart, arcs: [percent(lower / apart), percent(2.0 * libm::sqrtf(error) / apart)] }
     }
-}
-
-/// Whether an open pulse is as high as the levels say.
-fn is_open(volts: i32, [open, _]: [i32; 2]) -> bool {
-    volts.saturating_sub(open).saturating_abs().saturating_mul(100) <= open.saturating_mul(OPEN_WITHIN)
-}
-
-/// Whether what burned lies nearer to a level than to a boundary.
-fn is_near(volts: i32, levels: &Levels, ignited: i32, [_, spark]: [i32; 2]) -> bool {
-    let from = |level: i32| volts.saturating_sub(level).saturating_abs();
-    // An arc is taken to burn as far below its boundary as a spark burns above it; a short shows anything down to nothing.
-    let arc = levels.arc.saturating_mul(2).saturating_sub(spark);
-    let level = from(spark).min(from(arc)).min(volts.saturating_abs());
-    let boundary = from(levels.short).min(from(levels.arc)).min(from(ignited));
-    level <= boundary
 }

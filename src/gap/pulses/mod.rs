@@ -18,6 +18,10 @@
 //! half of [`FEW`] for as long (several sums side by side: Lorden, Annals of Mathematical Statistics 42, 1971). The first sum with
 //! `jump.arcs_percent` asks for a jump as soon as it is above [`ARCS`]. A window of 200 ms with a share above p would cross that by chance: of 1000
 //! pulses the share has a standard deviation of 1.5 %.
+//!
+//! Whatever burns, and at whatever level: arcs are persistent as well once [`RUN`] pulses in `supervise.undelayed_ms` have burned and not one
+//! among them, or open, has waited longer than an arc does. A gap that lets every pulse through at once has an arc, or a short that no
+//! threshold shows.
 
 mod class;
 mod looks;
@@ -43,6 +47,8 @@ pub const ARCS: f32 = 80.0;
 pub const FEW: f32 = 19.0;
 /// Percent.
 const MARKED: f32 = 7.0;
+/// Pulses in a row without a wait that are too many: of a healthy gap in which one pulse in fifty waits so many come once in 10^17.
+pub const RUN: u32 = 2000;
 
 /// When arcs are persistent.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,6 +59,8 @@ pub struct Config {
     pub ms: u32,
     /// Percent of the pulses that are arcs, and more, which ask for a jump; 0: none do.
     pub jump: u32,
+    /// Burning pulses without a wait among them, for so long, ms; 0: never.
+    pub undelayed: u32,
 }
 
 /// What the pulses of late were.
@@ -65,6 +73,8 @@ pub struct Pulses {
     arcs: [f32; 3],
     /// Milliseconds in a row for which it was too large.
     above: [u32; 2],
+    /// Burning pulses since one has waited, and milliseconds with some.
+    run: [u32; 2],
     /// Milliseconds since it began, and pulses.
     since: u32,
     seen: u32,
@@ -91,17 +101,18 @@ impl Pulses {
         self.jump
     }
 
-    /// Takes the pulses of a millisecond. Whether arcs are persistent. Without permission to pulse, shares and what asks for a jump begin
+    /// Takes the pulses of a millisecond, and whether the gap is short: that is no arc. Whether arcs are persistent. Without permission to pulse, shares and what asks for a jump begin
     /// anew. The sums of the fault do where the jump was one for arcs, which is to show what it was good for; a jump by time interrupts
     /// them, or arcs would never be persistent among jumps that follow each other soon.
-    pub fn look(&mut self, config: &Config, counts: &Counts, permitted: bool) -> bool {
+    pub fn look(&mut self, config: &Config, counts: &Counts, permitted: bool, short: bool) -> bool {
         let new = counts.since(&self.last);
         self.last = *counts;
         if !permitted {
             let begins = self.off == 0 && self.jump == Some(true) || self.off >= Self::BREAK;
             let [_, many, few] = self.arcs;
-            let (arcs, above) = if begins { ([0.0; 3], [0; 2]) } else { ([0.0, many, few], self.above) };
-            *self = Pulses { last: self.last, off: self.off.saturating_add(1), arcs, above, ..Pulses::default() };
+            let (arcs, above, run) =
+                if begins { ([0.0; 3], [0; 2], [0; 2]) } else { ([0.0, many, few], self.above, self.run) };
+            *self = Pulses { last: self.last, off: self.off.saturating_add(1), arcs, above, run, ..Pulses::default() };
             return false;
         }
         self.off = 0;
@@ -128,7 +139,22 @@ impl Pulses {
         self.since = self.since.saturating_add(1);
         self.jump = (self.seen.min(self.since) >= Self::LEAST).then_some(config.jump > 0 && jump > ARCS);
         let [above, half] = self.above;
-        above > config.ms || few > FEW && half > config.ms
+        above > config.ms || few > FEW && half > config.ms || self.runs(config.undelayed, &new, short)
+    }
+
+    /// Whether too many pulses have burned without a wait.
+    fn runs(&mut self, longest: u32, new: &Counts, short: bool) -> bool {
+        let burned = [Class::Spark, Class::Arc, Class::Uncertain]
+            .iter()
+            .fold(0u32, |sum, class| sum.wrapping_add(new.class(*class)));
+        let [pulses, ms] = self.run;
+        self.run = match (new.waits, burned) {
+            (0, 1..) if !short => [pulses.saturating_add(burned), ms.saturating_add(1)],
+            (0, _) => [pulses, ms],
+            _ => [0; 2],
+        };
+        let [pulses, ms] = self.run;
+        longest > 0 && ms >= longest && pulses >= RUN
     }
 }
 
@@ -137,7 +163,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const CONFIG: Config = Config { share: 60, ms: 50, jump: 40 };
+    const CONFIG: Config = Config { share: 60, ms: 50, jump: 40, undelayed: 300 };
 
     /// So many pulses a millisecond, of which a share in percent are arcs and the others open, evenly mixed; gives the
     /// millisecond in which arcs are found to be persistent, of 5000.
@@ -147,7 +173,8 @@ mod tests {
             let arcs = n * pulses * share / 100;
             counts.classes[Class::Arc as usize] = arcs;
             counts.classes[Class::Open as usize] = n * pulses - arcs;
-            watch.look(&CONFIG, &counts, true)
+            counts.waits = n * pulses - arcs;
+            watch.look(&CONFIG, &counts, true, false)
         })
     }
 
@@ -160,6 +187,28 @@ mod tests {
         assert!(found(75, 1).is_some_and(|ms| (230..=245).contains(&ms)));
         // 2 % too many at 25 kHz, 0.5 a millisecond.
         assert!(found(62, 25).is_some_and(|ms| (200..215).contains(&ms)));
+    }
+
+    #[test]
+    fn pulses_that_burn_and_never_wait_are_persistent_at_any_level_and_one_that_waits_ends_the_run() {
+        // Class, pulses a millisecond, pulses from one that waits to the next, whether the gap is short; the millisecond.
+        for (class, pulses, waits, short, found) in [
+            (Class::Spark, 10, 0, false, Some(300)),
+            (Class::Uncertain, 10, 0, false, Some(300)),
+            (Class::Spark, 1, 0, false, Some(2000)),
+            (Class::Spark, 10, 2500, false, None),
+            (Class::Spark, 10, 0, true, None),
+            (Class::Short, 10, 0, false, None),
+            (Class::Open, 10, 1, false, None),
+        ] {
+            let (mut watch, mut counts) = (Pulses::default(), Counts::default());
+            let ms = (1..=5000u32).find(|n| {
+                counts.classes[class as usize] += pulses;
+                counts.waits += u32::from(waits > 0 && n * pulses % waits == 0);
+                watch.look(&CONFIG, &counts, true, short)
+            });
+            assert_eq!(ms, found, "{class:?}, {pulses} a millisecond, {waits}");
+        }
     }
 
     #[test]
@@ -182,7 +231,8 @@ mod tests {
                 let arcs = (0..pulses).filter(|_| self.next() % 100 < percent).count() as u32;
                 counts.classes[Class::Arc as usize] += arcs;
                 counts.classes[Class::Spark as usize] += pulses - arcs;
-                watch.look(&CONFIG, &counts, true)
+                counts.waits += pulses - arcs;
+                watch.look(&CONFIG, &counts, true, false)
             })
         }
 
@@ -224,11 +274,11 @@ mod tests {
             let (mut pulses, mut counts) = (Pulses::default(), Counts::default());
             for n in 1..=1000u32 {
                 counts.classes[if n * arcs % 100 < arcs { Class::Arc } else { Class::Open } as usize] += 1;
-                pulses.look(&config, &counts, true);
+                pulses.look(&config, &counts, true, false);
                 assert_eq!(pulses.jump().is_some(), n >= Pulses::LEAST);
             }
             assert_eq!(pulses.jump(), wanted, "{arcs} %");
-            pulses.look(&config, &counts, false);
+            pulses.look(&config, &counts, false, false);
             assert_eq!(pulses.jump(), None, "pulses begin anew");
         }
     }
@@ -244,7 +294,7 @@ mod tests {
             let (mut pulses, mut counts) = (Pulses::default(), Counts::default());
             let mut look = |permitted| {
                 counts.classes[Class::Arc as usize] += 90;
-                pulses.look(&config, &counts, permitted)
+                pulses.look(&config, &counts, permitted, false)
             };
             assert!(!(0..50).any(|_| look(true)));
             assert!(!(0..off).any(|_| look(false)));
@@ -265,8 +315,9 @@ mod tests {
                     let arcs = (0..25).filter(|_| chance.next() % 100 < percent).count() as u32;
                     counts.classes[Class::Arc as usize] += arcs;
                     counts.classes[Class::Spark as usize] += 25 - arcs;
+                    counts.waits += 25 - arcs;
                 }
-                watch.look(&config, &counts, permitted)
+                watch.look(&config, &counts, permitted, false)
             })
         };
         let found = run(62, 10);
@@ -279,18 +330,18 @@ mod tests {
         let (mut pulses, mut counts) = (Pulses::default(), Counts::default());
         for new in [0, 3, 0, 2] {
             counts.classes[Class::Uncertain as usize] += new;
-            pulses.look(&CONFIG, &counts, true);
+            pulses.look(&CONFIG, &counts, true, false);
         }
         assert_eq!(pulses.shares().counts(), [0, 0, 0, 0, 2, 5]);
     }
 
     proptest! {
         #[test]
-        fn no_counts_make_it_fail(all: Vec<([u32; CLASSES], bool)>, share: u32, ms: u32) {
+        fn no_counts_make_it_fail(all: Vec<([u32; CLASSES], u32, bool, bool)>, share: u32, ms: u32) {
             let mut pulses = Pulses::default();
             let config = Config { share: share % 102, ms, ..CONFIG };
-            for (classes, permitted) in all {
-                pulses.look(&config, &Counts { classes, ..Counts::default() }, permitted);
+            for (classes, waits, permitted, short) in all {
+                pulses.look(&config, &Counts { classes, waits, ..Counts::default() }, permitted, short);
             }
         }
     }

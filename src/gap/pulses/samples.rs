@@ -12,7 +12,8 @@
 //! conversions it is the edges that are seen, which no figure of noise covers. Where a comparator shows the ignition, no edge is
 //! among them, and [`SHOWN_LEAST`] are enough.
 //!
-//! A comparator that has seen the ignition takes the place of the step that is looked for.
+//! A comparator that has seen the ignition takes the place of the step that is looked for. Then the wait is known as well: what waited longer
+//! than any arc is a spark, whatever it burns at, unless so little is left that its discharge was over before.
 //!
 //! It is assumed that a discharge burns until its gate closes, that the voltage collapses more quickly than a conversion takes, and
 //! that what rises at the start of a pulse is left out (`blanking`).
@@ -56,6 +57,8 @@ pub struct Config {
     pub reversed: bool,
     /// Time after the opening of the gate in which conversions are left out, 0..=0.002 s: the gap charges.
     pub blanking: Seconds,
+    /// Longest ignition delay of an arc, 0..=1 s.
+    pub arc_delay: Seconds,
 }
 
 /// Levels of \[R\] section 4.4, the arc as in the process model (assumed there); short, noise and blanking are assumed.
@@ -71,6 +74,7 @@ impl Default for Config {
             zero: 410,
             reversed: false,
             blanking: Seconds(1e-6),
+            arc_delay: Seconds(4e-6),
         }
     }
 }
@@ -86,6 +90,7 @@ impl Config {
         let volts_per_code = in_range("volts per code", self.volts_per_code, 0.001, 1.0)?;
         in_range("code at 0 V", self.zero.into(), 0.0, ADC_FULL_SCALE.into())?;
         let blanking = in_range("blanking (s)", self.blanking.0, 0.0, 0.002)? * CLOCK_HZ as f32;
+        let arc_delay = in_range("delay of an arc (s)", self.arc_delay.0, 0.0, 1.0)? * CLOCK_HZ as f32;
         let codes = |volts: f32| libm::roundf(volts / volts_per_code) as i32;
         // Levels that coincide want infinitely many, which is none that there ever are.
         let least = |distance: f32| {
@@ -99,7 +104,7 @@ impl Config {
             codes(0.5 * (spark + open)),
             [open, spark].map(codes),
             [least((arc - short_below).max(0.0)), least(spark - arc_below)],
-            blanking as u32,
+            [blanking, arc_delay].map(|cycles| cycles as u32),
         ))
     }
 }
@@ -111,8 +116,10 @@ pub struct Boundaries {
     levels: Levels,
     /// What is not ignited lies above.
     open: i32,
-    /// Open circuit, and what a spark burns at.
-    set: [i32; 2],
+    /// Open circuit, what a spark burns at, and the boundaries of shorts, of arcs and of what has ignited, as they are set.
+    set: [i32; 5],
+    /// Arcs burn like sparks: a pulse without a wait is neither.
+    overlap: bool,
     /// How far a code lies below that: at code 0, and how it changes with the code.
     at_zero: i32,
     gain: i32,
@@ -122,11 +129,12 @@ pub struct Boundaries {
     found: [u32; 3],
     /// Core cycles.
     blanking: u32,
+    arc_delay: u32,
 }
 
 impl Boundaries {
     /// `least`: conversions that noise makes necessary to name a short, an arc or a spark.
-    fn new(levels: Levels, open: i32, set: [i32; 2], least: [u32; 2], blanking: u32) -> Boundaries {
+    fn new(levels: Levels, open: i32, set: [i32; 2], least: [u32; 2], [blanking, arc_delay]: [u32; 2]) -> Boundaries {
         let with = |edges: [u32; 2]| {
             let [short, arc] = core::array::from_fn(|i| larger_of(&least, &edges, i));
             [short, arc, short.min(arc)]
@@ -134,12 +142,14 @@ impl Boundaries {
         Boundaries {
             levels,
             open,
-            set,
+            set: [set[0], set[1], levels.short, levels.arc, open],
+            overlap: false,
             at_zero: open.wrapping_sub(levels.voltage(0)),
             gain: if levels.reversed { 1 } else { -1 },
             shown: with([SHOWN_LEAST; 2]),
             found: with([SHORT_LEAST, ARC_LEAST]),
             blanking,
+            arc_delay,
         }
     }
 
@@ -149,15 +159,18 @@ impl Boundaries {
     }
 
     /// All of it, for a comparison.
-    pub fn words(&self) -> [u32; 13] {
-        let Boundaries { levels, open, set, at_zero, gain, shown, found, blanking } = *self;
+    #[inline(always)]
+    pub fn words(&self) -> [u32; 14] {
+        let Boundaries {
+            levels, open, set: [set @ .., _, _, _], at_zero, gain, shown, found, blanking, arc_delay, ..
+        } = *self;
         let [short, arc, _] = shown;
         let [found_short, found_arc, _] = found;
         let zero = u32::from(levels.zero) << 16 | u32::from(levels.reversed);
         let signed = [levels.short, levels.arc, open, at_zero, gain].map(i32::cast_unsigned);
         let [a, b, c, d, e] = signed;
         let [set_open, set_spark] = set.map(i32::cast_unsigned);
-        [zero, a, b, c, d, e, short, arc, found_short, found_arc, blanking, set_open, set_spark]
+        [zero, a, b, c, d, e, short, arc, found_short, found_arc, blanking, set_open, set_spark, arc_delay]
     }
 
     /// Core cycles after the opening of the gate in which nothing is looked at.
@@ -170,20 +183,32 @@ impl Boundaries {
         &self.levels
     }
 
-    /// Boundary to the open circuit.
-    pub(super) fn ignited_below(&self) -> i32 {
-        self.open
+    /// Longest ignition delay of an arc, core cycles.
+    #[inline(always)]
+    pub fn arc_delay(&self) -> u32 {
+        self.arc_delay
+    }
+
+    /// Arcs burn like sparks.
+    #[inline(always)]
+    pub(super) fn overlap(&self) -> bool {
+        self.overlap
     }
 
     /// Open circuit, and what a spark burns at, as they are set.
     pub(super) fn set(&self) -> [i32; 2] {
-        self.set
+        let [open, spark, ..] = self.set;
+        [open, spark]
     }
 
-    /// Another boundary to the open circuit.
-    pub(super) fn set_ignited_below(&mut self, open: i32) {
-        self.open = open;
-        self.at_zero = open.wrapping_sub(self.levels.voltage(0));
+    /// Other boundaries: of shorts, no higher than they are set; of arcs; of what has ignited. `None`: those that are set. `overlap`: arcs burn
+    /// like sparks.
+    pub(super) fn learn(&mut self, learned: Option<[i32; 3]>, overlap: bool) {
+        let [_, _, short, arc, open] = self.set;
+        let [new_short, new_arc, new_open] = learned.unwrap_or([short, arc, open]);
+        (self.levels.short, self.levels.arc, self.open, self.overlap) =
+            (new_short.min(short), new_arc, new_open, overlap);
+        self.at_zero = new_open.wrapping_sub(self.levels.voltage(0));
     }
 }
 
@@ -259,9 +284,11 @@ impl Evidence {
         self.least < 0
     }
 
-    /// What the pulse was, by what was seen until now.
+    /// What the pulse was, by what was seen until now. `waited`: longer than an arc does.
     #[inline]
-    pub fn class(&self, boundaries: &Boundaries) -> Class {
+    pub fn class(&self, boundaries: &Boundaries, waited: bool) -> Class {
+        /// Share of the open circuit, an nth, below which nothing burns any more: as for a teach-in.
+        const OVER: i32 = 16;
         let burns = self.burning > 0 || self.least < 0;
         if !self.seen {
             return Class::Uncertain;
@@ -278,8 +305,17 @@ impl Evidence {
             return Class::Uncertain;
         }
         let count = self.burning as i32;
-        let class = boundaries.levels.burning(count.wrapping_mul(boundaries.open).wrapping_sub(self.below), count);
-        let least = if class == Class::Short { short_least } else { arc_least };
+        let sum = count.wrapping_mul(boundaries.open).wrapping_sub(self.below);
+        if waited {
+            let [open, ..] = boundaries.set;
+            return if sum.wrapping_mul(OVER) < count.wrapping_mul(open) { Class::Uncertain } else { Class::Spark };
+        }
+        let class = boundaries.levels.burning(sum, count);
+        let least = match class {
+            Class::Short => short_least,
+            _ if boundaries.overlap => u32::MAX,
+            _ => arc_least,
+        };
         if self.burning >= least { class } else { Class::Uncertain }
     }
 }
@@ -299,7 +335,7 @@ mod tests {
     fn class(volts: &[i32]) -> Class {
         let mut evidence = Evidence::default();
         evidence.samples(&boundaries(), &codes(volts));
-        evidence.class(&boundaries())
+        evidence.class(&boundaries(), false)
     }
 
     #[test]
@@ -345,10 +381,10 @@ mod tests {
         let mut evidence = Evidence::default();
         evidence.samples(&boundaries, &codes(&[100, 60, 60]));
         evidence.ignite();
-        assert_eq!(evidence.class(&boundaries), Class::Uncertain);
+        assert_eq!(evidence.class(&boundaries, false), Class::Uncertain);
         // The first of what burns is disturbed.
         evidence.samples(&boundaries, &codes(&[75, 22, 22, 25, 22]));
-        assert_eq!(evidence.class(&boundaries), Class::Arc);
+        assert_eq!(evidence.class(&boundaries, false), Class::Arc);
     }
 
     #[test]
@@ -358,7 +394,7 @@ mod tests {
         let never = Config { arc_below: Volts(40.0), ..Config::default() }.build().unwrap();
         let mut evidence = Evidence::default();
         evidence.samples(&never, &codes(&[40; 1000]));
-        assert_eq!(evidence.class(&never), Class::Uncertain);
+        assert_eq!(evidence.class(&never, false), Class::Uncertain);
     }
 
     #[test]

@@ -196,7 +196,7 @@ mod tests {
             let config = Config::new(memory, Material::SILICON).unwrap();
             let mut sensing = Sensing::default();
             for (classes, charged, charging, waited, ignited, permitted) in each {
-                let counts = Counts { classes, charged, charging, waited, ignited };
+                let counts = Counts { classes, charged, charging, waited, ignited, ..Counts::default() };
                 let senses = sensing.look(&config, &counts, permitted);
                 prop_assert!(senses.hazard.is_none_or(|hazard| hazard.rate.is_finite() && hazard.variance.is_finite()));
                 prop_assert!(senses.distance.is_none_or(|charged| charged.gap.0.is_finite()));

@@ -49,7 +49,9 @@ impl Case {
         let noise = f64::from(config.spark.0) / 10f64.powf(self.snr_db / 20.0);
         // The gate opens half a conversion before the first.
         let blanking = Seconds((self.blanking * GapBlock::SPACING) as f32 / CLOCK_HZ as f32);
-        BoundaryConfig { noise: Volts(noise as f32), blanking, short_below: Volts(0.5 * (ARC.0 + SHORT.0)), ..config }
+        let short_below = Volts(0.5 * (ARC.0 + SHORT.0));
+        // The label is the level's, whatever the wait.
+        BoundaryConfig { noise: Volts(noise as f32), blanking, short_below, arc_delay: Seconds(1.0), ..config }
     }
 
     /// Runs so many pulses of a seed.

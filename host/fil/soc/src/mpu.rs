@@ -1,4 +1,4 @@
-//! Memory protection unit (ARMv7-M B3.5): one region without access and one of code that is read only, above the default map.
+//! Memory protection unit (ARMv7-M B3.5): one area without access, of regions that adjoin, and one of code that is read only, above the default map.
 //! Whatever else the unit can do is refused: further regions, rights of one privilege, subregions, less than 4 KiB, itself in
 //! HardFault and NMI.
 
@@ -57,15 +57,12 @@ impl Mpu {
             0xe000_eda0 => {
                 let region = self.region();
                 self.attributes[region] = value;
-                let alike = |other: &u32| other & rasr::ENABLE != 0 && (other ^ value) & rasr::ACCESS == 0;
                 let code = value & (rasr::ACCESS | rasr::NEVER_EXECUTED) == rasr::READ_ONLY;
                 let right = code || value & rasr::ACCESS == rasr::NO_ACCESS;
                 let simple = right && value & rasr::SUBREGIONS == 0 && value >> 1 & 0x1f >= 11;
-                if value & rasr::ENABLE != 0
-                    && (self.attributes.iter().filter(|other| alike(other)).count() > 1 || !simple)
-                {
+                if value & rasr::ENABLE != 0 && (self.joined(value & rasr::ACCESS).is_none() || !simple) {
                     return Err(Fault::Unsupported(
-                        "regions of the MPU other than one without access and one of read-only code, of 4 KiB or more",
+                        "regions of the MPU other than one area without access and one of read-only code, of 4 KiB or more",
                     ));
                 }
             }
@@ -85,12 +82,24 @@ impl Mpu {
     }
 
     fn with(&self, access: u32) -> Option<Range<u32>> {
+        self.joined(access).filter(|_| self.control & 1 == 1)
+    }
+
+    /// The area of all enabled regions with this access; `None`: there are none, or they are no single one.
+    fn joined(&self, access: u32) -> Option<Range<u32>> {
         let wanted = rasr::ENABLE | access;
-        let region = self.attributes.iter().position(|it| it & (rasr::ENABLE | rasr::ACCESS) == wanted)?;
-        let size = 1u32.checked_shl((self.attributes[region] >> 1 & 0x1f) + 1)?;
-        // An address that is not a multiple of the size counts as the one below that is (B3.5.8).
-        let start = self.base[region] & !(size - 1);
-        (self.control & 1 == 1).then_some(start..start.checked_add(size)?)
+        let mut areas: Vec<Range<u32>> = (self.attributes.iter().zip(&self.base))
+            .filter(|(it, _)| *it & (rasr::ENABLE | rasr::ACCESS) == wanted)
+            .map(|(it, base)| {
+                let size = 1u32.checked_shl((it >> 1 & 0x1f) + 1)?;
+                // An address that is not a multiple of the size counts as the one below that is (B3.5.8).
+                let start = base & !(size - 1);
+                Some(start..start.checked_add(size)?)
+            })
+            .collect::<Option<_>>()?;
+        areas.sort_by_key(|area| area.start);
+        let joined = areas.first()?.start..areas.last()?.end;
+        areas.windows(2).all(|two| two[0].end == two[1].start).then_some(joined)
     }
 }
 
@@ -129,5 +138,19 @@ mod tests {
         assert!(refused(&[(RASR, 3 << 24 | 11 << 1 | 1)]));
         assert!(refused(&[(RASR, 11 << 1 | 1), (RBAR, 1 << 4 | 1), (RASR, 11 << 1 | 1)]));
         assert!(!refused(&[(RASR, 11 << 1 | 1), (RASR, 12 << 1 | 1)]));
+    }
+
+    #[test]
+    fn regions_that_adjoin_are_one_area_and_others_are_refused() {
+        let two = |lower: u32| {
+            let mut mpu = Mpu::default();
+            mpu.write(CTRL, 5).unwrap();
+            mpu.write(RBAR, 0x2001_0000 | 1 << 4).unwrap();
+            mpu.write(RASR, 14 << 1 | 1).unwrap();
+            mpu.write(RBAR, lower | 1 << 4 | 2).unwrap();
+            mpu.write(RASR, 12 << 1 | 1).map(|()| mpu.forbidden())
+        };
+        assert_eq!(two(0x2000_e000), Ok(Some(0x2000_e000..0x2001_8000)));
+        assert!(two(0x2000_c000).is_err());
     }
 }

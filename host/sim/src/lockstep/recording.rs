@@ -86,7 +86,7 @@ impl Last {
 }
 
 /// Numbers of [`Counts`].
-const COUNTS: usize = CLASSES + 4;
+const COUNTS: usize = CLASSES + 5;
 
 /// Edges of a block, the levels when it began, and what the low comparator did.
 #[derive(Clone, Copy, PartialEq)]
@@ -146,16 +146,16 @@ impl EdgesOf {
 }
 
 fn counts_numbers(counts: &Counts) -> [u64; COUNTS] {
-    let Counts { classes, charged, charging, waited, ignited } = *counts;
+    let Counts { classes, charged, charging, waited, ignited, waits } = *counts;
     let mut numbers = [0; COUNTS];
-    let all = classes.into_iter().chain([charged, charging, waited, ignited]);
+    let all = classes.into_iter().chain([charged, charging, waited, ignited, waits]);
     numbers.iter_mut().zip(all).for_each(|(number, count)| *number = count.into());
     numbers
 }
 
 fn counts_of(numbers: &[u64; COUNTS]) -> Counts {
-    let [charged, charging, waited, ignited] = core::array::from_fn(|i| numbers[CLASSES + i] as u32);
-    Counts { classes: core::array::from_fn(|i| numbers[i] as u32), charged, charging, waited, ignited }
+    let [charged, charging, waited, ignited, waits] = core::array::from_fn(|i| numbers[CLASSES + i] as u32);
+    Counts { classes: core::array::from_fn(|i| numbers[i] as u32), charged, charging, waited, ignited, waits }
 }
 
 /// Writes a recording.
@@ -689,7 +689,8 @@ mod tests {
         let mut bytes = vec![];
         edges.write(&mut bytes).unwrap();
         assert!(EdgesOf::read(&mut &bytes[1..]).is_ok_and(|read| read == edges));
-        let counts = Counts { classes: [1, 2, 3, 4, 5, u32::MAX], charged: 7, charging: 8, waited: 9, ignited: 10 };
+        let counts =
+            Counts { classes: [1, 2, 3, 4, 5, u32::MAX], charged: 7, charging: 8, waited: 9, ignited: 10, waits: 11 };
         assert_eq!(counts_of(&counts_numbers(&counts)), counts);
         let piece = Piece { shape: Shape::YzBack, to: [-1, 2, i64::MIN], centre: [-3, 4], mark: true, stop: false };
         for command in [

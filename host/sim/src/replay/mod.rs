@@ -218,9 +218,19 @@ impl Replay {
             "not classified: no gate was recorded (use --gate or --gate-above)".into()
         };
         text += &format!("  {:<12} {pulses}\n", "Pulses");
-        if self.fit == Fit::DoesNotFit {
-            let say =
-                "do not fit: set gap.open_v, gap.spark_v, gap.arc_below_v and gap.short_v to those of the generator";
+        let say = match self.fit {
+            Fit::Unknown | Fit::Fits => None,
+            Fit::DoesNotFit => {
+                Some("do not fit: set gap.open_v, gap.spark_v and gap.arc_below_v to those of the generator")
+            }
+            Fit::Divider => {
+                Some("differ from the settings by one share: the divider of the gap voltage is another one")
+            }
+            Fit::Supply => {
+                Some("of open pulses differ from gap.open_v, those of sparks do not: the generator has another supply")
+            }
+        };
+        if let Some(say) = say {
             text += &format!("  {:<12} {say}\n", "Levels");
         }
         text
