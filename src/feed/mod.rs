@@ -268,6 +268,8 @@ impl Pulsed {
     /// So many pulses: open, spark, arc, short, none, uncertain.
     pub fn add(&mut self, classes: [u32; 6]) {
         self.gap.pulses.classes.iter_mut().zip(classes).for_each(|(count, new)| *count += new);
+        // Uncertain ones were too brief, and never charged.
+        self.gap.pulses.unclear += classes[crate::gap::pulses::Class::Uncertain as usize];
     }
 
     /// What a law does about it.

@@ -122,6 +122,8 @@ mod tests {
         pulsed.act(&law, &mut state, 5);
         pulsed.add(classes);
         pulsed.gap.pulses.ignited += ignited;
+        // Those that ignited were charged.
+        pulsed.gap.pulses.unclear = pulsed.gap.pulses.unclear.saturating_sub(ignited);
         let answers: Vec<_> = (0..400).map(|_| pulsed.act(&law, &mut state, 5)).collect();
         assert!(answers[..399].iter().all(|answer| *answer == Answer::feed(0.0)), "decided before the period was over");
         (answers[399].velocity.0.round(), answers[399].generator.closed)

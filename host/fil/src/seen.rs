@@ -257,7 +257,7 @@ impl Places {
             "edm_servo_head::gap::pulses::Config" ArcConfig: share, ms, jump, undelayed;
             "edm_servo_head::gap::senses::Config" SensesConfig: memory, material;
             "edm_servo_head::gap::charging::Material" Material: coefficients, shortest, longest;
-            "edm_servo_head::gap::pulses::stream::Counts" Counts: classes, charged, charging, waited, ignited, waits;
+            "edm_servo_head::gap::pulses::stream::Counts" Counts: classes, charged, charging, waited, ignited, waits, unclear;
             "edm_hal_shim::gap::Edges" Edges: at, count;
             "edm_servo_head::head::positioning::MotionLimits" MotionLimits: velocity, acceleration, deceleration;
             "edm_servo_head::head::positioning::Home" Home: method, fast, slow, acceleration, at;
@@ -735,6 +735,7 @@ fn counts(view: &View) -> Result<Counts> {
         waited: view.word(at!(Counts, waited))?,
         ignited: view.word(at!(Counts, ignited))?,
         waits: view.word(at!(Counts, waits))?,
+        unclear: view.word(at!(Counts, unclear))?,
     })
 }
 

@@ -284,6 +284,14 @@ impl Evidence {
         self.least < 0
     }
 
+    /// What burned is no short, though it may be an arc or a spark.
+    #[inline]
+    pub fn burns(&self, boundaries: &Boundaries) -> bool {
+        let count = self.burning as i32;
+        let sum = count.wrapping_mul(boundaries.open).wrapping_sub(self.below);
+        self.burning >= SHOWN_LEAST && !self.is_high() && sum >= count.wrapping_mul(boundaries.levels.short)
+    }
+
     /// What the pulse was, by what was seen until now. `waited`: longer than an arc does.
     #[inline]
     pub fn class(&self, boundaries: &Boundaries, waited: bool) -> Class {

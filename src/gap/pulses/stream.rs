@@ -38,6 +38,8 @@ pub struct Pulse {
     pub ignited: bool,
     /// It did not ignite, or waited longer than an arc does; or nothing shows whether it did.
     pub waits: bool,
+    /// It burned or was short from the beginning, and nothing shows which.
+    pub unclear: bool,
 }
 
 /// All pulses since the start. Every number wraps: of two readings the difference counts.
@@ -56,6 +58,8 @@ pub struct Counts {
     pub ignited: u32,
     /// Pulses that did not ignite, or waited longer than an arc does; or of which nothing shows whether they did.
     pub waits: u32,
+    /// Pulses that burned or were short from the beginning, and nothing shows which: \[G\] takes these for shorts.
+    pub unclear: u32,
 }
 
 impl Counts {
@@ -69,6 +73,7 @@ impl Counts {
             waited: self.waited.wrapping_sub(earlier.waited),
             ignited: self.ignited.wrapping_sub(earlier.ignited),
             waits: self.waits.wrapping_sub(earlier.waits),
+            unclear: self.unclear.wrapping_sub(earlier.unclear),
         }
     }
 
@@ -76,8 +81,8 @@ impl Counts {
     #[inline(always)]
     pub fn copied(&self) -> Counts {
         let [a, b, c, d, e, f] = self.classes;
-        let Counts { charged, charging, waited, ignited, waits, .. } = *self;
-        Counts { classes: [a, b, c, d, e, f], charged, charging, waited, ignited, waits }
+        let Counts { charged, charging, waited, ignited, waits, unclear, .. } = *self;
+        Counts { classes: [a, b, c, d, e, f], charged, charging, waited, ignited, waits, unclear }
     }
 
     /// Pulses of a class.
@@ -86,24 +91,15 @@ impl Counts {
         self.numbered(class as usize)
     }
 
-    /// Pulses that burned or were short from the beginning, so briefly that no conversion shows which: uncertain, and never charged.
-    fn unclear(&self) -> u32 {
-        let certain =
-            self.class(Class::Short).wrapping_add(self.class(Class::Arc)).wrapping_add(self.class(Class::Spark));
-        let burned = self.class(Class::Uncertain).wrapping_add(certain);
-        // Of those that burned, the ones with a delay were charged.
-        self.class(Class::Uncertain).min(burned.saturating_sub(self.ignited))
-    }
-
     /// Shorts, and pulses that conduct from the beginning and are too brief to tell: \[G\] takes these for shorts.
     pub fn shorted(&self) -> u32 {
-        self.class(Class::Short).wrapping_add(self.unclear())
+        self.class(Class::Short).wrapping_add(self.unclear)
     }
 
     /// Discharges that are no arcs, brief ones with an ignition delay among them.
     pub fn discharged(&self) -> u32 {
         let all = self.class(Class::Spark).wrapping_add(self.class(Class::Uncertain));
-        all.wrapping_sub(self.unclear())
+        all.wrapping_sub(self.unclear)
     }
 
     fn numbered(&self, class: usize) -> u32 {
@@ -121,6 +117,7 @@ impl Counts {
             *count = count.wrapping_add(1);
         }
         self.waits = self.waits.wrapping_add(pulse.waits.into());
+        self.unclear = self.unclear.wrapping_add(pulse.unclear.into());
         if let Some(charging) = pulse.charged {
             self.charged = self.charged.wrapping_add(1);
             self.charging = self.charging.wrapping_add(charging);
@@ -355,7 +352,8 @@ impl PulseStream {
                 let class = self.burning(block, blanked, closed, &mut evidence, false);
                 let waits = evidence.is_high();
                 self.unshown = self.unshown.saturating_add(waits.into());
-                (blanked, Pulse { class, charged: None, waited: 0, ignited: false, waits })
+                let unclear = self.unclear(class, &evidence);
+                (blanked, Pulse { class, charged: None, waited: 0, ignited: false, waits, unclear })
             }
         };
         if self.looks.are_due(pulse.class, self.boundaries.overlap()) {
@@ -373,6 +371,12 @@ impl PulseStream {
             evidence.samples(&self.boundaries, codes);
         }
         evidence.class(&self.boundaries, waited)
+    }
+
+    /// Whether nothing shows of a pulse that was not charged whether it burned or was short.
+    #[inline(always)]
+    fn unclear(&self, class: Class, evidence: &Evidence) -> bool {
+        class == Class::Uncertain && !evidence.burns(&self.boundaries)
     }
 
     /// Whether a pulse waits longer than an arc does.
@@ -472,7 +476,8 @@ impl PulseStream {
             let (class, high) = (evidence.class(&self.boundaries, false), evidence.is_high());
             let waits = high || class == Class::Open || self.unshown >= UNSHOWN;
             self.unshown = self.unshown.saturating_add(high.into());
-            return Pulse { class, charged: None, waited: 0, ignited: false, waits };
+            let unclear = self.unclear(class, &evidence);
+            return Pulse { class, charged: None, waited: 0, ignited: false, waits, unclear };
         };
         let waited = ignited.unwrap_or(at).wrapping_sub(charged);
         let waits = ignited.is_none() || self.waits(waited);
@@ -498,7 +503,14 @@ fn burned(class: Class) -> Class {
 #[inline(always)]
 fn ended(opened: i32, charged: i32, waited: i32, ignited: bool, waits: bool, class: Class) -> Pulse {
     let positive = |cycles: i32| cycles.max(0).unsigned_abs();
-    Pulse { class, charged: Some(positive(charged.wrapping_sub(opened))), waited: positive(waited), ignited, waits }
+    Pulse {
+        class,
+        charged: Some(positive(charged.wrapping_sub(opened))),
+        waited: positive(waited),
+        ignited,
+        waits,
+        unclear: false,
+    }
 }
 
 /// How many conversions of a block have their middle before a moment.
@@ -808,6 +820,7 @@ mod tests {
                     waited: if made.charges.is_some() { waited } else { 0 },
                     ignited: made.charges.is_some() && made.burns.is_some(),
                     waits: made.burns.is_none(),
+                    unclear: made.charges.is_none() && class == Class::Uncertain,
                 };
                 assert_eq!(pulses, [expected; 7], "{made:?}, {off} off");
                 assert_eq!((counts.total(), counts.classes[class as usize]), (7, 7));

@@ -86,7 +86,7 @@ impl Last {
 }
 
 /// Numbers of [`Counts`].
-const COUNTS: usize = CLASSES + 5;
+const COUNTS: usize = CLASSES + 6;
 
 /// Edges of a block, the levels when it began, and what the low comparator did.
 #[derive(Clone, Copy, PartialEq)]
@@ -146,16 +146,16 @@ impl EdgesOf {
 }
 
 fn counts_numbers(counts: &Counts) -> [u64; COUNTS] {
-    let Counts { classes, charged, charging, waited, ignited, waits } = *counts;
+    let Counts { classes, charged, charging, waited, ignited, waits, unclear } = *counts;
     let mut numbers = [0; COUNTS];
-    let all = classes.into_iter().chain([charged, charging, waited, ignited, waits]);
+    let all = classes.into_iter().chain([charged, charging, waited, ignited, waits, unclear]);
     numbers.iter_mut().zip(all).for_each(|(number, count)| *number = count.into());
     numbers
 }
 
 fn counts_of(numbers: &[u64; COUNTS]) -> Counts {
-    let [charged, charging, waited, ignited, waits] = core::array::from_fn(|i| numbers[CLASSES + i] as u32);
-    Counts { classes: core::array::from_fn(|i| numbers[i] as u32), charged, charging, waited, ignited, waits }
+    let [charged, charging, waited, ignited, waits, unclear] = core::array::from_fn(|i| numbers[CLASSES + i] as u32);
+    Counts { classes: core::array::from_fn(|i| numbers[i] as u32), charged, charging, waited, ignited, waits, unclear }
 }
 
 /// Writes a recording.
@@ -689,8 +689,15 @@ mod tests {
         let mut bytes = vec![];
         edges.write(&mut bytes).unwrap();
         assert!(EdgesOf::read(&mut &bytes[1..]).is_ok_and(|read| read == edges));
-        let counts =
-            Counts { classes: [1, 2, 3, 4, 5, u32::MAX], charged: 7, charging: 8, waited: 9, ignited: 10, waits: 11 };
+        let counts = Counts {
+            classes: [1, 2, 3, 4, 5, u32::MAX],
+            charged: 7,
+            charging: 8,
+            waited: 9,
+            ignited: 10,
+            waits: 11,
+            unclear: 12,
+        };
         assert_eq!(counts_of(&counts_numbers(&counts)), counts);
         let piece = Piece { shape: Shape::YzBack, to: [-1, 2, i64::MIN], centre: [-3, 4], mark: true, stop: false };
         for command in [
