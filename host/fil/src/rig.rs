@@ -38,8 +38,8 @@ const STRETCH: u64 = 100;
 const SERVO: usize = 16 + 25;
 const GAP: usize = 16 + 56;
 /// Where in a window its tick is read, ticks: when the longest has ended, and well before the next block is complete
-/// (44 us). Time that passes by blocks of code may overshoot this: by 730 ticks in the settings, in a block with 36 divisions.
-const LOOK: u64 = 6600;
+/// (44 us, 7392 ticks). Time that passes by blocks of code may overshoot this: by 691 ticks in the settings, in a block with 36 divisions.
+const LOOK: u64 = 6200;
 /// Ticks between two looks at a plan under way: 1 us, and no plan takes less than ten.
 const PLAN: u64 = 168;
 /// Time that the first, late tick is given, ticks: 15 us.

@@ -138,7 +138,8 @@ fn pulses_that_the_levels_do_not_fit_are_uncertain_as_on_the_head() {
     assert_eq!((good.fit, good.pulses[Class::Uncertain as usize]), (Fit::Fits, 0));
     // No pulse of these waits as no arc does: nothing is learned.
     assert_eq!(bad.fit, Fit::DoesNotFit);
-    assert!(bad.pulses[Class::Uncertain as usize] > 1000 && bad.summary(&recording).contains("do not fit"));
+    let said = bad.summary(&recording);
+    assert!(bad.pulses[Class::Uncertain as usize] > 900 && said.contains("do not fit"), "{said}");
     for replay in [good, bad] {
         assert_eq!(replay.counted.map(u64::from), replay.pulses);
     }
