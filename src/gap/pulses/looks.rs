@@ -201,7 +201,12 @@ impl Looks {
             Some(Seen::Open(codes)) => self.open.add(codes, MEMORY),
             Some(Seen::Burned(mean, _)) if waited => self.sparks.add(mean, MEMORY),
             Some(Seen::Burned(mean, _)) if class != Class::Short => self.others.add(mean, MEMORY_OTHERS),
-            _ => return,
+            Some(_) => return,
+            None => {
+                // Pulses so brief come often: one look a millisecond is what there is time for.
+                self.why &= !LOOK;
+                return;
+            }
         }
         self.why &= !LOOK;
         self.looked = self.looked.saturating_add(1);
