@@ -43,6 +43,8 @@ pub enum Quality {
     Saturated,
     /// Voltage of the wrong sign: the gap leads are swapped.
     Reversed,
+    /// What burns cannot be told from the open circuit.
+    Unclear,
 }
 
 /// What a gap source knows at a tick.

@@ -479,6 +479,12 @@ impl GapSource for Voltage {
             Quality::NoGate
         } else if filtered < active.reversed && reverses(block, active.good, &mut self.clipped_ticks) {
             Quality::Reversed
+        } else if self.stream.is_unclear() {
+            if !self.permitted {
+                // Whoever permits pulses again may have changed the generator.
+                self.stream.forget();
+            }
+            Quality::Unclear
         } else if clipped {
             Quality::Saturated
         } else {

@@ -96,6 +96,8 @@ faults! {
     GapReversed = "gap leads swapped" => Retrace,
     /// Steps of a host were to be followed and could not be: they came too fast, or their direction was lost.
     StepsNotFollowed = "steps not followed" => Hold,
+    /// The generator burns so high that the comparator cannot tell it from the open circuit: neither gap nor arcs are seen.
+    BurningUnclear = "burning not told from open circuit" => Retrace,
 }
 
 impl Fault {
@@ -167,6 +169,7 @@ mod tests {
                     GapSignalInvalid,
                     OpenCircuitLow,
                     GapReversed,
+                    BurningUnclear,
                     GateMissing,
                     ReflexLost,
                     UnpermittedPulses,

@@ -520,13 +520,14 @@ impl Supervisor {
             // It goes back from there, and is judged anew.
             (self.standing, self.following) = (Standing::default(), Lasting::default());
         }
-        let bad = matches!(now.quality, Quality::Missing | Quality::Saturated | Quality::Reversed);
+        let bad = matches!(now.quality, Quality::Missing | Quality::Saturated | Quality::Reversed | Quality::Unclear);
         // The ends of the range give one code for many voltages.
         let same = now.code == self.code && (1..ADC_FULL_SCALE).contains(&now.code);
         self.code = now.code;
         let code_stands = self.code_stands.longer_than(Self::CODE_MS, same && now.state != State::Disabled);
         let gap = self.gap.longer_than(limits.gap_ms, now.pulses && bad);
         let swapped = gap && now.quality == Quality::Reversed;
+        let unclear = gap && now.quality == Quality::Unclear;
         let seen = PulseSeen {
             permitted: now.permitted,
             watched: now.state != State::Disabled,
@@ -551,6 +552,7 @@ impl Supervisor {
             (encoder, Fault::EncoderLost),
             (following, Fault::FollowingError),
             (swapped, Fault::GapReversed),
+            (unclear, Fault::BurningUnclear),
             (gap || code_stands, Fault::GapSignalInvalid),
             (gate, Fault::GateMissing),
             (pulses == Some(PulseFault::Unpermitted), Fault::UnpermittedPulses),

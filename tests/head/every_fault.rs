@@ -52,6 +52,7 @@ fn caused(fault: Fault) -> Option<Bench> {
         Fault::PersistentShort => bench.follows = Some(-1.0),
         Fault::GapSignalInvalid => bench.quality = Quality::Missing,
         Fault::GapReversed => bench.quality = Quality::Reversed,
+        Fault::BurningUnclear => bench.quality = Quality::Unclear,
         Fault::GateMissing => bench.quality = Quality::NoGate,
         Fault::ReflexLost | Fault::UnpermittedPulses => bench.edges = 8,
         Fault::DielectricNotOk => bench.safety.dielectric = true,

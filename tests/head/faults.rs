@@ -86,6 +86,7 @@ fn a_gap_signal_that_cannot_be_right_retraces() {
         (Quality::Missing, Fault::GapSignalInvalid),
         (Quality::Saturated, Fault::GapSignalInvalid),
         (Quality::Reversed, Fault::GapReversed),
+        (Quality::Unclear, Fault::BurningUnclear),
     ] {
         let mut bench = Bench::eroding();
         bench.quality = quality;

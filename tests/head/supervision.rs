@@ -441,6 +441,7 @@ fn a_bad_gap_reading_matters_while_pulses_are_on() {
         (Quality::Missing, Fault::GapSignalInvalid),
         (Quality::Saturated, Fault::GapSignalInvalid),
         (Quality::Reversed, Fault::GapReversed),
+        (Quality::Unclear, Fault::BurningUnclear),
         (Quality::NoGate, Fault::GateMissing),
     ] {
         finds(Some((21, fault)), "with pulses", |w| (w.now.pulses, w.now.quality) = (true, quality));

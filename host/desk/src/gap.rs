@@ -15,11 +15,12 @@ use std::time::{Duration, Instant};
 /// Qualities (2005h:3) of a voltage that means something: valid, at the end of the range, reversed.
 pub const MEASURED: [i64; 3] = [1, 3, 4];
 /// What to do where the levels of the settings are not those of the pulses, by 2013h:16 from 2 on.
-const TEACH: [&str; 3] = [
+const TEACH: [&str; 4] = [
     "The levels do not fit this generator. Pulses are told by what the head has learned of sparks; pauses and the reflex go by the settings. Teach them: \
      write 1 to 2013h:1, erode, and apply with 2; or set gap.open_v, gap.spark_v, gap.arc_below_v and gap.short_v.",
     "Open pulses and sparks differ from their levels by one share: the divider of the gap voltage is another one. Correct gap.volts_per_code.",
     "Open pulses differ from gap.open_v, sparks do not differ from gap.spark_v: the generator has another supply. Set gap.open_v.",
+    "Sparks burn above 0.55 of the open circuit: the comparator cannot tell them from it. Raise the open-circuit voltage of the generator.",
 ];
 /// Classes of pulses: shares in 200Fh:1 to 6, half percents.
 const CLASSES: u16 = 0x200F;

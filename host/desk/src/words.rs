@@ -40,6 +40,10 @@ pub const fn remedy(fault: Fault) -> &'static str {
              work, or lower gap.open_min_v; then reset"
         }
         Fault::GapReversed => "swap the gap leads at electrode and work, or change gap.reversed, then reset",
+        Fault::BurningUnclear => {
+            "sparks burn above 0.55 of the open circuit, and the comparator cannot tell them from it: raise the open-circuit voltage of the \
+             generator, check electrode and work, then reset"
+        }
         Fault::GateMissing => "check that the generator is on, check the gate line, then reset",
         Fault::DielectricNotOk => "check level, flow and temperature of the dielectric, then reset",
         Fault::HostSilent => {

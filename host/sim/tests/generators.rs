@@ -1,7 +1,7 @@
 //! Generators of any usual kind, with levels that nobody has taught: no fault, and the share of arcs as it is.
 
 use edm_servo_head::gap::pulses::{Class, Counts};
-use edm_servo_head::head::{Command, State};
+use edm_servo_head::head::{Command, Fault, State};
 use edm_servo_head::settings::{Declared as _, SetpointUnit, Settings, Value};
 use edm_servo_head::units::{Nanometres, TICK_HZ};
 use edm_sim::machine::Machine;
@@ -35,9 +35,8 @@ impl Generator {
         }
     }
 
-    /// A hole of a sinker, in which every eighth discharge or so is an arc; what the head and the process have counted from the third second of
-    /// erosion to the eighth, and the share of arcs that the head estimates of what did not wait.
-    fn bores(&self, seed: u64) -> (Counts, Pulses, Option<f64>) {
+    /// A sinker that begins a hole in which every eighth discharge or so is an arc.
+    fn begins(&self, seed: u64) -> Machine {
         let Setup { process: mut plant, head, .. } = Setup::load("sinker-dirty").unwrap();
         for (key, value) in [
             ("model.open_v", self.open),
@@ -69,6 +68,13 @@ impl Generator {
         {
             machine.command(command).unwrap();
         }
+        machine
+    }
+
+    /// A hole; what the head and the process have counted from the third second of erosion to the eighth, and the share of arcs that the
+    /// head estimates of what did not wait.
+    fn bores(&self, seed: u64) -> (Counts, Pulses, Option<f64>) {
+        let mut machine = self.begins(seed);
         let begun = (0..20 * TICK_HZ).any(|_| {
             machine.tick();
             machine.status().state == State::Eroding
@@ -116,4 +122,24 @@ fn any_generator_bores_without_a_fault_and_its_arcs_are_counted() {
     }
     println!("mean {:.2}, worst {worst:.2} points", sum / count as f64);
     assert!(sum / count as f64 <= 1.5 && worst <= 3.0);
+}
+
+#[test]
+fn a_generator_that_burns_near_its_open_circuit_is_refused_whatever_its_comparator() {
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(7);
+    for (share, comparator_error) in [(0.6, 0.0), (0.66, 20.0), (0.62, -20.0), (0.8, 0.0), (0.9, -10.0)] {
+        let drawn = Generator::drawn(&mut random);
+        let burn = share * drawn.open;
+        let generator = Generator { burn, arc: burn - 6.0, comparator_error, ..drawn };
+        let mut machine = generator.begins(1);
+        let mut pulses = 0;
+        let refused = (0..10 * TICK_HZ).find(|_| {
+            machine.tick();
+            pulses = machine.process.truth().pulses.discharges();
+            machine.status().fault.is_some()
+        });
+        println!("{generator:.1?}: {pulses} discharges");
+        assert_eq!(machine.status().fault, Some(Fault::BurningUnclear), "{generator:?}, {refused:?}");
+        assert!(pulses < 3000, "{generator:?}: {pulses}");
+    }
 }

@@ -56,6 +56,7 @@ pub const fn error_code(fault: Fault) -> (u16, u8) {
         Fault::OpenCircuitLow => (0xFF11, MANUFACTURER),
         Fault::GapReversed => (0xFF12, MANUFACTURER),
         Fault::StepsNotFollowed => (0xFF13, MANUFACTURER),
+        Fault::BurningUnclear => (0xFF14, MANUFACTURER),
         // Supply, low voltage.
         Fault::SupplyLow => (0x5110, VOLTAGE),
     };

@@ -149,7 +149,7 @@ objects! {
     0x2005 "Gap" {
         1 GapVoltage: i16, ro, tx, I16, 0, "0.01 V", live, "Voltage: after the filters";
         2 GapBlock: i16, ro, tx, I16, 0, "0.01 V", live, "Block voltage: before the filters";
-        3 GapQuality: u8, ro, tx, (0, 4), 0, "", live, "Quality: 0 missing, 1 valid, 2 no gate, 3 saturated, 4 reversed";
+        3 GapQuality: u8, ro, tx, (0, 5), 0, "", live, "Quality: 0 missing, 1 valid, 2 no gate, 3 saturated, 4 reversed, 5 unclear";
         4 GapShort: u16, ro, tx, U16, 0, "50 us", live, "Short: duration of the present short";
         5 GapSetpoint: i16, ro, tx, I16, 0, "0.01 V", live, "Setpoint: voltage to keep";
         6 GapOpen: i16, ro, tx, I16, 0, "0.01 V", live, "Open-circuit voltage: measured when the seek began";
@@ -303,7 +303,7 @@ objects! {
         13 TaughtShort: u16, ro, no, U16, 0, "0.01 V", live, "Short boundary: proposed for gap.short_v";
         14 TaughtNoise: u16, ro, no, U16, 0, "0.01 V", live, "Noise: proposed for gap.noise_v";
         15 TaughtApart: u16, ro, no, U16, 0, "", live, "Separation: distance of arcs and sparks in tenths of the standard deviation of what they burned at; 0 no arcs were seen, and 0.7 of a spark's voltage is assumed for them";
-        16 LevelsFit: u8, ro, tx, (0, 4), 0, "", live, "Levels of the settings: 0 not known yet, 1 fit, 2 do not fit, 3 another divider of the gap voltage, 4 another supply of the generator; pulses are told by what was learned";
+        16 LevelsFit: u8, ro, tx, (0, 5), 0, "", live, "Levels of the settings: 0 not known yet, 1 fit, 2 do not fit, 3 another divider of the gap voltage, 4 another supply of the generator, 5 burning cannot be told from the open circuit; pulses are told by what was learned";
         17 ArcsUndelayed: u8, ro, tx, U8, 255, "%", live, "Arcs: estimated share of the burning pulses that waited for less than gap.arc_delay_us; 255 not known";
         18 ArcsUndelayedError: u8, ro, tx, U8, 255, "%", live, "Arcs: standard error of that share";
     }

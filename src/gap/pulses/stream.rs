@@ -241,6 +241,19 @@ impl PulseStream {
         self.looks.collect(collects);
     }
 
+    /// What burns cannot be told from the open circuit.
+    #[inline(always)]
+    pub fn is_unclear(&self) -> bool {
+        self.looks.are_unclear()
+    }
+
+    /// Levels are learned anew.
+    #[cold]
+    pub fn forget(&mut self) {
+        self.looks.retune();
+        self.boundaries.learn(None, false);
+    }
+
     /// Something is there to take.
     #[inline(always)]
     pub fn has_news(&self) -> bool {

@@ -29,8 +29,8 @@ use std::io::{self, Read, Write};
 /// First bytes of a recording, the last of them its version.
 const MAGIC: [u8; 5] = *b"EDMR\x06";
 /// Qualities of a reading by number.
-pub const QUALITIES: [Quality; 5] =
-    [Quality::Missing, Quality::Valid, Quality::NoGate, Quality::Saturated, Quality::Reversed];
+pub const QUALITIES: [Quality; 6] =
+    [Quality::Missing, Quality::Valid, Quality::NoGate, Quality::Saturated, Quality::Reversed, Quality::Unclear];
 
 /// Why a recording cannot be replayed.
 #[derive(Debug)]

@@ -171,6 +171,7 @@ fn quality(quality: Quality) -> &'static str {
         Quality::NoGate => "no gate",
         Quality::Saturated => "saturated",
         Quality::Reversed => "reversed",
+        Quality::Unclear => "unclear",
     }
 }
 
@@ -229,6 +230,7 @@ impl Replay {
             Fit::Supply => {
                 Some("of open pulses differ from gap.open_v, those of sparks do not: the generator has another supply")
             }
+            Fit::Unclear => Some("of sparks are above 0.55 of the open circuit: a comparator cannot tell them from it"),
         };
         if let Some(say) = say {
             text += &format!("  {:<12} {say}\n", "Levels");
