@@ -15,8 +15,8 @@
 //! uncertain. The open circuit itself moves no level but the boundary to what has ignited, and only where the comparator does not show it.
 //! Levels that are not those of the settings are told ([`Fit`]), and nothing follows from it.
 //!
-//! Where sparks burn above [`TOLD`] of the open circuit, or pulses that do not ignite end at more than one level, the comparator may take one for the
-//! other: no class, delay or mean of such a gap is to be believed.
+//! Where sparks burn above [`TOLD`] of the open circuit the comparator may take one for the other: no class, delay or mean of such a gap is to be
+//! believed. So where no spark is seen, but of the pulses that are shown as open a share of [`MANY`] ends below [`FALLEN`] of the highest.
 
 use super::class::Class;
 use super::samples::{ARC_LEAST, Boundaries, Evidence, SHOWN_LEAST};
@@ -45,9 +45,12 @@ const APART: f32 = 4.0;
 const FORGETS: u32 = 8;
 /// Share of the open circuit up to which a comparator for 70 % of it, 20 % too low, tells it from what burns.
 const TOLD: f32 = 0.55;
-/// Of pulses that do not ignite: standard deviation over mean, and mean over the highest of late, beyond which some of them burn.
-const SPREAD: f32 = 0.2;
+/// Share of the highest voltage of late below which a pulse that a comparator shows as open has fallen: it burns, and the comparator does not see it.
 const FALLEN: f32 = 0.75;
+/// Share of fallen pulses among those that are shown as open, of late, from which no class is to be believed as long as no spark is seen.
+const MANY: f32 = 0.25;
+/// Looks by which that share is known.
+const FEW: f32 = 1.0 / 64.0;
 /// Times `gap.spark_v` from which the highest voltage is one of an open circuit that no comparator shows.
 const ABOVE: f32 = 1.25;
 
@@ -116,6 +119,8 @@ pub(super) struct Looks {
     open: Level,
     sparks: Level,
     others: Level,
+    /// Share of fallen pulses of late.
+    fallen: f32,
     /// Highest voltage at the end of a pulse of late, codes; looks so far.
     top: i32,
     looked: u16,
@@ -138,6 +143,7 @@ impl Looks {
             open: NONE,
             sparks: NONE,
             others: NONE,
+            fallen: 0.0,
             top: 0,
             looked: 0,
             arcs: UNKNOWN,
@@ -214,7 +220,13 @@ impl Looks {
             return;
         }
         match seen {
-            Some(Seen::Open(codes)) => self.open.add(codes, MEMORY),
+            Some(Seen::Open(codes)) => {
+                let fallen = (codes as f32) < FALLEN * self.top as f32;
+                self.fallen += FEW * (if fallen { 1.0 } else { 0.0 } - self.fallen);
+                if !fallen {
+                    self.open.add(codes, MEMORY);
+                }
+            }
             Some(Seen::Burned(mean, _)) if waited => self.sparks.add(mean, MEMORY),
             Some(Seen::Burned(mean, _)) if class != Class::Short => self.others.add(mean, MEMORY_OTHERS),
             Some(_) => return,
@@ -262,8 +274,7 @@ impl Looks {
             let most = if open.count < LEARNED { highest } else { top };
             sparks.mean <= TOLD * if another { most } else { most.max(set_open) }
         } else {
-            let spread = SPREAD * open.mean;
-            open.count < OTHERS || open.variance < spread * spread && open.mean > FALLEN * highest
+            self.fallen < MANY
         };
         let known = another || learned || open.count >= LEARNED;
         let burns = learned && differs(sparks.mean, set_spark);

@@ -2,12 +2,14 @@
 //!
 //! A function is what a symbol says is one. Each branch that leaves it is a call: `bl`, a jump at its end, a conditional one,
 //! and falling out of its end. Arms of a jump table lie within their function and are read with it. A *taken* function is one
-//! whose address is anywhere but in the vector table: in data, in a literal pool, or in the two halves of `movw` and `movt`.
+//! whose address is anywhere but in the vector table: in data, in a literal pool, or in the two halves of `movw` and `movt`. The linker's
+//! relocations say where an address is: a number, as of an object, may look like one.
 //! Only such a function can be called by an address that a register holds. A *thunk* is a jump of the linker's between flash and RAM:
 //! it loads the address of the one function that it calls.
 
 use super::thumb::{Branch, Effect, effects};
-use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
+use object::elf::{R_ARM_ABS32, R_ARM_THM_MOVT_ABS};
+use object::{Object, ObjectSection, ObjectSymbol, RelocationFlags, SymbolKind};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A function of the image.
@@ -59,6 +61,21 @@ impl Graph {
     pub fn read(file: &object::File) -> Result<Self, String> {
         let (extents, functions) = functions(file);
         let mut graph = Self { functions, ..Self::default() };
+        // The linker adds none for its own thunks.
+        let placed: BTreeSet<u32> = file
+            .sections()
+            .filter(super::allocated)
+            .flat_map(|section| section.relocations())
+            .filter(|(_, relocation)| {
+                matches!(relocation.flags(), RelocationFlags::Elf { r_type: R_ARM_ABS32 | R_ARM_THM_MOVT_ABS })
+            })
+            .map(|(at, _)| at as u32)
+            .collect();
+        if placed.is_empty() {
+            return Err(
+                "the image has no relocations, which say where addresses are: link it with --emit-relocs".into()
+            );
+        }
         for section in file.sections().filter(super::allocated) {
             let bytes = section.data().map_err(|e| e.to_string())?;
             // The boot loader is another program, and calls nothing of this one.
@@ -77,11 +94,12 @@ impl Graph {
             }
             for (address, bytes, code) in stretches(file, section.address() as u32, bytes) {
                 if code {
-                    graph.code(address, bytes, &extents)?;
+                    graph.code(address, bytes, &extents, &placed)?;
                 } else {
                     let skip = (address.next_multiple_of(4) - address) as usize;
-                    let words = words(bytes.get(skip..).unwrap_or_default());
-                    graph.taken.extend(words.filter_map(|word| extents.named(word)));
+                    let words = (address + skip as u32..).step_by(4).zip(words(bytes.get(skip..).unwrap_or_default()));
+                    let addresses = words.filter(|(at, _)| placed.contains(at));
+                    graph.taken.extend(addresses.filter_map(|(_, word)| extents.named(word)));
                 }
             }
         }
@@ -89,7 +107,7 @@ impl Graph {
     }
 
     /// Reads a stretch of code.
-    fn code(&mut self, address: u32, bytes: &[u8], extents: &Extents) -> Result<(), String> {
+    fn code(&mut self, address: u32, bytes: &[u8], extents: &Extents, placed: &BTreeSet<u32>) -> Result<(), String> {
         let mut low = BTreeMap::new();
         // The function that goes on behind the instruction before.
         let mut open: Option<usize> = None;
@@ -130,7 +148,7 @@ impl Graph {
                     let named = low.get(&register).and_then(|low| extents.named(half << 16 | low));
                     if function.thunk {
                         thunk = named;
-                    } else {
+                    } else if placed.contains(&at) {
                         self.taken.extend(named);
                     }
                 }

@@ -509,7 +509,7 @@ mod tests {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/firmware/link.x");
         let built = Command::new("rustc")
             .args(["--edition", "2024", "--target", super::super::TARGET, "-Cpanic=abort"])
-            .arg(format!("-Clink-arg=-T{}", script.display()))
+            .args(["-Clink-arg=--emit-relocs".into(), format!("-Clink-arg=-T{}", script.display())])
             .args(["-o", "elf", "program.rs"])
             .current_dir(&folder)
             .output()
