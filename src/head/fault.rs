@@ -206,6 +206,6 @@ mod tests {
                 assert_eq!(fault.reaction(), reaction, "{}", fault.name());
             }
         }
-        assert_eq!(Fault::ALL.len(), 30);
+        assert_eq!(Fault::ALL.len(), 31);
     }
 }

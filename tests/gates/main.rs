@@ -8,6 +8,7 @@ mod findings;
 mod gap;
 mod gate;
 mod mixed;
+mod order;
 mod path;
 mod physics;
 mod sensitivity;
@@ -36,12 +37,13 @@ const fn group(name: &'static str, about: &'static str, run: fn() -> Vec<Gate>) 
 }
 
 /// Groups that a push runs; the others are for a release.
-const SHORT: [&str; 14] = [
+const SHORT: [&str; 15] = [
     "charging",
     "removal",
     "swing",
     "depth",
     "monotony",
+    "order",
     "hunting",
     "path",
     "gap-filter",
@@ -54,7 +56,7 @@ const SHORT: [&str; 14] = [
 ];
 
 /// All groups, in the order in which they should hold.
-const GROUPS: [Group; 31] = [
+const GROUPS: [Group; 32] = [
     group("charging", "[X] table 2: charging time against gap", calibration::charging),
     group("removal", "[X] table 4: removal against gap", calibration::removals),
     group("swing", "[R] section 4.3: the thesis machine's swing", calibration::swings),
@@ -72,6 +74,7 @@ const GROUPS: [Group; 31] = [
     group("threshold", "[G] figs. 6 and 7: discharge holding threshold", validation::threshold),
     group("retreats", "[G] figs. 11 and 14: long retreats and times", validation::retreats),
     group("off-time", "[G] fig. 9: short rate against off-time", validation::off_time),
+    group("order", "[X] section 3: the order of the gap", order::orders),
     group("hunting", "[R] section 4.5: the slow CNC axis", validation::hunting),
     group("sensitivity", "each unpublished number by 1.5, down and up", sensitivity::sensitivity),
     group("path", "accuracy of the path in both directions", || path::gates(100_000)),

@@ -50,6 +50,8 @@ pub struct Setting {
     pub off_us: Option<f64>,
     /// Current of a spark, A.
     pub amps: Option<f64>,
+    /// Voltage that a spark burns at, V.
+    pub burn_v: Option<f64>,
     /// The electrode is negative.
     pub negative: Option<bool>,
 }
@@ -113,6 +115,7 @@ impl Process {
         }
         p.on_us = set.on_us.unwrap_or(p.on_us);
         p.off_us = set.off_us.unwrap_or(p.off_us);
+        p.burn_v = set.burn_v.unwrap_or(p.burn_v);
         p.burn_ohm = set.amps.map_or(p.burn_ohm, |amps| (p.open_v - p.burn_v) / amps);
         p.negative = set.negative.map_or(p.negative, |negative| if negative { 1.0 } else { 0.0 });
         p.check()?;

@@ -798,8 +798,8 @@ mod tests {
         assert_eq!(stream.take().0, Fit::Fits);
         let of = |code| burned.iter().filter(|burned| **burned == code).count();
         assert_eq!((of(250), of(180), of(10), burned.len()), (360, 120, 60, 540));
-        // One that closes before the first conversion of its block has none at hand.
-        assert!((430..=460).contains(&opens), "{opens} of 460");
+        // One that closes before the second conversion of its block has one at hand that may have been made while it closed, or none.
+        assert!((415..=460).contains(&opens), "{opens} of 460");
         stream.collect(false);
         blocks.iter().for_each(|block| stream.block(block, |_| {}));
         assert_eq!(stream.take(), (Fit::Fits, None));

@@ -56,7 +56,7 @@ use crate::kept::Kept;
 use crate::motion::TrajectorySegment;
 use crate::path::{AXES, Path};
 use crate::servo::Presliding;
-use crate::units::{Fixed, Micrometres, MicrometresPerSecond, Volts};
+use crate::units::{CountsPerSecond, Fixed, Micrometres, MicrometresPerSecond, Volts};
 use core::ops::DerefMut;
 use edm_hal_shim::safety::SafetyInputs;
 use edm_hal_shim::self_test::SelfTest;
@@ -428,7 +428,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         self.record_steps();
         let (motion, allowed) = self.decide();
-        let mut followed = self.trajectory(motion);
+        let current = self.current_window();
+        let mut followed = self.trajectory(motion, current);
         let next = self.plan_ticks(&followed);
         self.compensate(&mut followed, next);
         self.status.reacting = self.reacting.as_ref().is_some_and(Reacting::moves);
@@ -483,7 +484,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         *open = self.is_open();
         *probes = self.wanted();
         *set_points = self.follows_set_points();
-        *toward = self.toward(*setpoint);
+        *toward = if *set_points { self.toward(*setpoint) } else { CountsPerSecond(0.0) };
         *slew = self.slew();
         *due = self.due();
         *touch = self.touch();
@@ -492,9 +493,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         *fault = self.status.fault;
         *doubted = self.doubt.is_some();
         *escapes = retreats && self.ready_to_escape();
-        *retreat = if retreats { Some(self.ready_retreat()) } else { None };
-        *stop = self.ready_stop(&followed);
-        *limited = self.ready_window(self.config.lift.limited);
+        *retreat = if retreats { Some(self.ready_retreat(current)) } else { None };
+        *stop = self.ready_stop(&followed, current);
+        *limited = self.ready_window(self.config.lift.limited, current);
         *lift = self.ready_lift();
         self.status.path = self.route.s();
         // An orbit is one segment of its host.

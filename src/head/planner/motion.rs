@@ -22,8 +22,8 @@ const CALM: f32 = (TICK_HZ / CALM_TICKS) as f32;
 const WAITS: u32 = TICK_HZ;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
-    pub(super) fn trajectory(&mut self, motion: Motion) -> Trajectory {
-        let allowed = self.full_window().and(self.current_window()).and(self.pressing());
+    pub(super) fn trajectory(&mut self, motion: Motion, current: Window) -> Trajectory {
+        let allowed = self.full_window().and(current).and(self.pressing());
         self.status.closed = match motion {
             Motion::Coast => false,
             Motion::Path(..) | Motion::Upward(..) | Motion::Axis(_) | Motion::Jump(..) | Motion::Velocity(_) => true,
@@ -169,6 +169,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         Window::symmetric(self.config.axis.duty_limit)
     }
 
+    /// Duties at which the current stays within its limit, at this velocity: one for a whole plan.
     pub(super) fn current_window(&self) -> Window {
         let current = &self.config.axis.current;
         let limit = if self.status.current_reduced { current.continuous } else { current.peak };

@@ -18,15 +18,15 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         Bounds { acceleration: self.config.acceleration, upper_limit, ticks: self.ticks }
     }
 
-    pub(super) fn ready_retreat(&self) -> Trajectory {
+    pub(super) fn ready_retreat(&self, current: Window) -> Trajectory {
         if self.status.state == State::Guiding {
             // Beside the path, and straight up.
             let up = if self.now.safety.upper_limit { 0.0 } else { -self.slew().0 };
             let travel = Fixed::short(up * TICK_S);
             let segment = TrajectorySegment { velocity: CountsPerSecond(up), travel, ..TrajectorySegment::default() };
-            return Trajectory::axis(&segment, self.full_window().and(self.current_window()));
+            return Trajectory::axis(&segment, self.full_window().and(current));
         }
-        let (up, window) = (-self.config.retreat.velocity.0, self.full_window().and(self.current_window()));
+        let (up, window) = (-self.config.retreat.velocity.0, self.full_window().and(current));
         if let Some(escape) = self.leaves_path() {
             let up = if self.bounds().upper_limit { 0.0 } else { up };
             return self.route.ready_escape(MicrometresPerSecond(up), escape.down, &self.bounds(), window);
@@ -58,8 +58,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     /// For two ticks: what is open stays open, a positioning continues, what follows the path slows down.
-    pub(super) fn ready_stop(&self, trajectory: &Trajectory) -> Trajectory {
-        let window = self.ready_window(self.config.axis.duty_limit);
+    pub(super) fn ready_stop(&self, trajectory: &Trajectory, current: Window) -> Trajectory {
+        let window = self.ready_window(self.config.axis.duty_limit, current);
         match trajectory.follow {
             Follow::Setpoint if self.follows_path() => {
                 let stop = self.route.ready(MicrometresPerSecond(0.0), &self.bounds(), window);
@@ -71,8 +71,8 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     }
 
     /// Duties of a fault's reaction with so much force.
-    pub(super) fn ready_window(&self, force: f32) -> Window {
-        upward(&self.config, force).and(self.current_window())
+    pub(super) fn ready_window(&self, force: f32, current: Window) -> Window {
+        upward(&self.config, force).and(current)
     }
 
     pub(super) fn ready_lift(&self) -> Trajectory {

@@ -73,6 +73,16 @@ pub fn table(cases: &mut Vec<Case>) {
         stage.mark();
         Ok(())
     }));
+    // Of 100 V; counted from the start as well.
+    let names = &["burning not told from open circuit"];
+    add(Case::new("sparks that burn at 65 V", Disabled, Named(names, 2.0 * SEEK_US), |stage| {
+        stage.set_burn(65.0);
+        for command in [Command::Enable, Command::MoveTo(PATH), Command::Start] {
+            stage.command(command)?;
+        }
+        stage.mark();
+        Ok(())
+    }));
     add(Case::new("pulses that arc", Eroding, Named(&["persistent arc"], ARC_US), wired(|w| w.arcs = 0.9)));
     add(Case::new(
         "generator without pulses",

@@ -234,6 +234,11 @@ impl Stage {
         self.rig.process().truth()
     }
 
+    /// Another burning voltage of sparks, V.
+    pub fn set_burn(&mut self, volts: f64) {
+        self.rig.process_mut().set_burn(volts);
+    }
+
     /// Wires of the machine.
     pub fn wires(&mut self) -> &mut FaultInputs {
         &mut self.rig.process_mut().fault_inputs

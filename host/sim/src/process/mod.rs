@@ -255,9 +255,15 @@ impl Process {
             off_us: said(pulse.off_ns),
             amps: said(pulse.current_ma),
             negative: (pulse.polarity > 0).then_some(pulse.polarity == 1),
+            burn_v: None,
         };
         // A generator that cannot be set so stays as it is, as a real one does.
         let _ = self.model.process.set_generator(&set);
+    }
+
+    /// Another burning voltage of sparks from now on, V, as of another electrode. One that the generator cannot have changes nothing.
+    pub fn set_burn(&mut self, volts: f64) {
+        let _ = self.model.process.set_generator(&Setting { burn_v: Some(volts), ..Setting::default() });
     }
 
     /// Sets the thresholds of the head's reflex, converter codes, and how long it waits in a pulse.
