@@ -16,11 +16,11 @@
 //! Levels that are not those of the settings are told ([`Fit`]), and nothing follows from it.
 //!
 //! Where sparks burn above [`TOLD`] of the open circuit the comparator may take one for the other: no class, delay or mean of such a gap is to be
-//! believed. So where few sparks are seen, but of the pulses that are shown as open a share of [`MANY`] ends below [`FALLEN`] of the highest.
+//! believed. So where few sparks are seen, but of the pulses that are shown as open a share of [`MANY`] ends below [`FALLEN`] of the open circuit.
 
 use super::class::Class;
 use super::samples::{ARC_LEAST, Boundaries, Evidence, SHOWN_LEAST};
-use crate::units::within;
+use crate::units::{ADC_FULL_SCALE, within};
 
 /// Share of a level by which it may differ from its setting.
 const WITHIN: f32 = 0.15;
@@ -45,8 +45,8 @@ const APART: f32 = 4.0;
 const FORGETS: u32 = 8;
 /// Share of the open circuit up to which a comparator for 70 % of it, 20 % too low, tells it from what burns.
 const TOLD: f32 = 0.55;
-/// Share of the highest voltage of late below which a pulse that a comparator shows as open has fallen: it burns, and the comparator does not see it.
-const FALLEN: f32 = 0.75;
+/// Share of the open circuit below which a pulse that a comparator shows as open has fallen: it burns, and the comparator does not see it.
+const FALLEN: f32 = 0.8;
 /// Share of fallen pulses of late among those that are shown as open, and among those and sparks, from which no class is to be believed. At 0.55 of
 /// the open circuit, with a comparator 20 % too low and a scatter of 4 V, half of the sparks of 60 V are not seen.
 const MANY: f32 = 0.25;
@@ -205,9 +205,12 @@ impl Looks {
     /// Looks at a pulse that has ended, with the conversions at hand that belong to its newest part, the oldest first. `waited`: as no arc does.
     pub fn at(&mut self, boundaries: &mut Boundaries, evidence: &Evidence, codes: &[u16], class: Class, waited: bool) {
         let levels = *boundaries.levels();
-        // The very last may have been converted while the gate closed.
+        // The very last may have been converted while the gate closed. What is clipped is none.
+        let good = 1..ADC_FULL_SCALE;
         let last = match codes {
-            [.., before, last] => Some(levels.voltage(*before).max(levels.voltage(*last))),
+            [.., before, last] if good.contains(before) && good.contains(last) => {
+                Some(levels.voltage(*before).max(levels.voltage(*last)))
+            }
             _ => None,
         };
         self.top = self.top.max(last.unwrap_or(0));
@@ -224,12 +227,13 @@ impl Looks {
         if self.why & COLLECT != 0 && seen.is_some() {
             (self.seen, self.news) = (seen, true);
         }
-        if self.why & LOOK == 0 {
+        // What is learned does not hang on whether pulses are collected as well.
+        if self.why & LOOK == 0 || class == Class::Uncertain && !boundaries.overlap() {
             return;
         }
         match seen {
             Some(Seen::Open(codes)) => {
-                let fallen = (codes as f32) < FALLEN * self.top as f32;
+                let fallen = self.open.count >= LEARNED && (codes as f32) < FALLEN * self.open.mean;
                 self.fallen += FEW * (if fallen { 1.0 } else { 0.0 } - self.fallen);
                 if fallen {
                     self.missed += FEW * (1.0 - self.missed);

@@ -5,13 +5,14 @@ use edm_fil::host::{self, Bus as _};
 use edm_fil::image::Image;
 use edm_fil::rig::{Emulated, Witness};
 use edm_hal_shim::board::F405;
-use edm_servo_head::head::Inch;
+use edm_servo_head::head::{Command, Inch};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{Nanometres, TICK_HZ};
 use edm_sim::bore::{self, Setup};
 use edm_sim::machine::Rig as _;
 use edm_sim::process::Plant;
 use edm_sim::run::{Job, Observer, Outcome, Sample};
+use edm_sim::scenario;
 
 /// Means while eroding.
 #[derive(Default, Debug, PartialEq)]
@@ -47,9 +48,9 @@ fn chip(depth_mm: f64) -> (Outcome, Means) {
 
 #[test]
 fn the_chip_bores_the_hole_of_the_native_core_within_the_stated_statistics() {
-    let (there, chip_means) = chip(0.03);
+    let (there, chip_means) = chip(0.05);
     let mut means = Means::default();
-    let here = bore::bore(&job(0.03), &mut means, &mut |_| {}).unwrap();
+    let here = bore::bore(&job(0.05), &mut means, &mut |_| {}).unwrap();
     assert!(there.completed && here.completed, "{} {}", there.stop_reason, here.stop_reason);
     assert_eq!((there.lost_counts, there.illegal_transitions, &there.faults), (0, 0, &Vec::new()));
     let near = |what: &str, chip: f64, native: f64, bound: f64| {
@@ -78,6 +79,47 @@ fn the_chip_bores_micro_holes_in_whose_shorts_no_current_is_left_and_loses_no_co
         assert_eq!((there.lost_counts, there.illegal_transitions, &there.faults), (0, 0, &Vec::new()), "{scenario}");
     }
     assert!(shorts > 100, "{shorts}");
+}
+
+/// Part I of N of the scenarios, as EDM_SCENARIOS=I/N names it: each bores 0.02 mm, or for a minute, beside the native core.
+#[test]
+#[ignore = "half an hour: .ci/campaigns/chip-scenarios"]
+fn every_scenario_bores_on_the_chip_tick_by_tick_as_natively_and_loses_no_count() {
+    let shard = std::env::var("EDM_SCENARIOS").unwrap_or_else(|_| "1/1".into());
+    let (part, of) = shard.split_once('/').unwrap();
+    let [part, of]: [usize; 2] = [part, of].map(|number| number.parse().unwrap());
+    let image = Image::parse(common::firmware().to_vec()).unwrap();
+    for (scenario, _) in scenario::BUILT_IN.iter().skip(part - 1).step_by(of) {
+        let mut setup = Setup::load(scenario).unwrap();
+        setup.set("workpiece.surface_mm=0.05").unwrap();
+        let settings = Settings { commissioned: true, ..setup.head };
+        let mut rig = Emulated::start(&image, setup.process, &settings, 1, Witness::twin(&settings).unwrap()).unwrap();
+        host::begin(&mut rig).unwrap();
+        // Truth and count are not of the same moment to the microsecond.
+        let lost = |rig: &mut Emulated| {
+            let mut offsets = [(); 21].map(|()| {
+                rig.tick().unwrap();
+                rig.true_count() - rig.status().position
+            });
+            offsets.sort_unstable();
+            offsets[10]
+        };
+        let (first, surface) = (lost(&mut rig), rig.process().truth().surface_um);
+        common::bore(&mut rig, Nanometres(3_000_000));
+        let mut ticks = 0;
+        while ticks < 60 * TICK_HZ && rig.process().truth().surface_um < surface + 20.0 {
+            rig.tick().unwrap_or_else(|error| panic!("{scenario}: {error}"));
+            assert_eq!(rig.status().fault, None, "{scenario}: {ticks}");
+            ticks += 1;
+        }
+        rig.command(Command::Hold).unwrap();
+        (0..TICK_HZ).for_each(|_| rig.tick().unwrap());
+        let (truth, status) = (rig.process().truth(), *rig.status());
+        let bored = truth.surface_um - surface;
+        println!("{scenario}: {bored:.1} um in {:.1} s, {:?}", ticks as f32 / TICK_HZ as f32, truth.pulses);
+        assert!(bored > 1.0 && status.fault.is_none() && status.illegal_transitions == 0, "{scenario}: {status:?}");
+        assert_eq!(lost(&mut rig), first, "{scenario}");
+    }
 }
 
 #[test]
