@@ -91,7 +91,7 @@ fn every_scenario_bores_on_the_chip_tick_by_tick_as_natively_and_loses_no_count(
     let image = Image::parse(common::firmware().to_vec()).unwrap();
     for (scenario, _) in scenario::BUILT_IN.iter().skip(part - 1).step_by(of) {
         let mut setup = Setup::load(scenario).unwrap();
-        setup.set("workpiece.surface_mm=0.05").unwrap();
+        setup.set("workpiece.surface_mm=0.2").unwrap();
         let settings = Settings { commissioned: true, ..setup.head };
         let mut rig = Emulated::start(&image, setup.process, &settings, 1, Witness::twin(&settings).unwrap()).unwrap();
         host::begin(&mut rig).unwrap();

@@ -8,6 +8,7 @@ mod bus;
 mod classes;
 mod common;
 mod counts;
+mod coupling;
 mod cycles;
 mod edges;
 mod engine;
