@@ -41,7 +41,7 @@ const ASSUMED: f32 = 0.7;
 /// Standard errors from which a difference is one, standard deviations from which two levels are two.
 const APART: f32 = 4.0;
 
-/// Share of the highest voltage of late that each look forgets, 2^-8: a tenth in 27 looks.
+/// Share of the highest voltage of late that each look forgets which may have been at an open circuit, 2^-8: a tenth in 27 looks.
 const FORGETS: u32 = 8;
 /// Share of the open circuit up to which a comparator for 70 % of it, 20 % too low, tells it from what burns.
 const TOLD: f32 = 0.55;
@@ -59,6 +59,8 @@ const ABOVE: f32 = 1.25;
 /// A reason to look at pulses: the bits of `Looks::why`.
 const LOOK: u8 = 1;
 const COLLECT: u8 = 2;
+/// One more pulse is looked at if this one shows nothing: looks and pulses may beat, and always meet one that ends as a block begins.
+const AGAIN: u8 = 4;
 
 /// Whether the levels of the settings fit the pulses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -169,7 +171,7 @@ impl Looks {
     /// Looks at the next pulse that ends.
     #[inline(always)]
     pub fn look(&mut self) {
-        self.why |= LOOK;
+        self.why |= LOOK | AGAIN;
     }
 
     /// Every pulse that ends is to be seen, or no longer.
@@ -248,15 +250,19 @@ impl Looks {
             Some(Seen::Burned(mean, _)) if class != Class::Short => self.others.add(mean, MEMORY_OTHERS),
             Some(_) => return,
             None => {
-                // Pulses so brief come often: one look a millisecond is what there is time for.
-                self.why &= !LOOK;
+                // Pulses so brief come often: two looks a millisecond are what there is time for.
+                let done = if self.why & AGAIN != 0 { AGAIN } else { LOOK };
+                self.why &= !done;
                 return;
             }
         }
-        self.why &= !LOOK;
+        self.why &= !(LOOK | AGAIN);
         self.looked = self.looked.saturating_add(1);
         self.learn(boundaries);
-        self.top -= self.top >> FORGETS;
+        // What a comparator has shown to burn says nothing of the open circuit.
+        if !evidence.is_shown() {
+            self.top -= self.top >> FORGETS;
+        }
     }
 
     /// One more look: the levels as they are known now.

@@ -737,6 +737,29 @@ mod tests {
     }
 
     #[test]
+    fn pulses_in_step_with_looks_are_learned_at_each_phase() {
+        // 32 us on, 8 us off: 25 of them are a millisecond, so each look meets a pulse that ends at the same place of a block.
+        let open = Made { off: 1344, charges: Some(200), waits: 0, burns: None, lasts: 5176 };
+        for phase in (0..6720).step_by(210) {
+            let pulses: Vec<Made> =
+                (0..2500).map(|n| if n == 0 { Made { off: 1344 + phase, ..open } } else { open }).collect();
+            let (stream, taken) = looked_at(&Config::default(), &blocks(&pulses, true));
+            assert_eq!(taken.last().map(|taken| taken.0), Some(Fit::Fits), "{phase}: {:?}", stream.looks);
+        }
+    }
+
+    #[test]
+    fn discharges_that_a_comparator_shows_say_nothing_of_the_open_circuit() {
+        // One pulse that stays open, and a fifth of a second of arcs behind it.
+        let arc = Made { off: 1300, charges: None, burns: Some(28), ..SPARK };
+        let open = Made { off: 1300, burns: None, ..SPARK };
+        let pulses: Vec<Made> = (0..4000).map(|n| if n < 30 { open } else { arc }).collect();
+        let (stream, taken) = looked_at(&Config { noise: Volts(1.0), ..Config::default() }, &blocks(&pulses, true));
+        assert!(taken.iter().all(|(fit, _)| matches!(fit, Fit::Unknown | Fit::Fits)), "{taken:?}");
+        assert_eq!(stream.counts().class(Class::Arc), 4000 - 30);
+    }
+
+    #[test]
     fn arcs_that_burn_like_sparks_are_uncertain_and_what_waits_is_a_spark() {
         let chance = |n: u32| (n.wrapping_mul(2_654_435_761) >> 20) as i32 % 9 - 4;
         let of = |n: u32| match n % 4 {
