@@ -36,6 +36,7 @@ mod app {
     use crate::chip::Chip;
     use crate::start;
     use crate::start::{Slots, Tasks};
+    use core::mem::MaybeUninit;
     use edm_hal_shim::can::Inbox;
     use edm_hal_shim::encoder::Line;
     use edm_hal_shim::stm32f4::ends::{Ends, Over};
@@ -50,6 +51,7 @@ mod app {
     use edm_runtime::protocol::Protocol;
     use edm_runtime::servo::Servo;
     use edm_runtime::supervise::Supervise;
+    use edm_runtime::{Room, TickCrossings};
 
     #[shared]
     struct Shared {
@@ -57,7 +59,7 @@ mod app {
         decoder: Decoder<Chip>,
         #[lock_free]
         receive: Receive<Chip>,
-        protocol: Protocol<Chip>,
+        protocol: &'static mut Protocol<Chip>,
     }
 
     #[local]
@@ -70,18 +72,27 @@ mod app {
         gap: Gap<Chip>,
         #[unsafe(link_section = ".ccmram.servo")]
         servo: Servo<Chip>,
-        plan: Plans<Chip>,
-        supervise: Supervise<Chip>,
+        plan: &'static mut Plans<Chip>,
+        supervise: &'static mut Supervise<Chip>,
         transmit: Transmit<Chip>,
         idle: Idle<Chip>,
     }
 
     /// Starts everything, disabled and inhibited. When something does not start, the LED blinks, the log says what, and the
     /// pins stay harmless.
-    #[init(local = [slots: Slots = Slots::new()])]
+    #[init(local = [
+        slots: Slots = Slots::new(),
+        plan_room: MaybeUninit<Plans<Chip>> = MaybeUninit::uninit(),
+        supervise_room: MaybeUninit<Supervise<Chip>> = MaybeUninit::uninit(),
+        // In SRAM2, for the same reason.
+        #[unsafe(link_section = ".shared_later")]
+        crossings: MaybeUninit<TickCrossings> = MaybeUninit::uninit(),
+    ])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let mut watchdog = None;
-        match start::start(cx.device, cx.core, cx.local.slots, &mut watchdog) {
+        let init::LocalResources { slots, plan_room: plan, supervise_room: supervise, crossings, .. } = cx.local;
+        let room = Room { plan, supervise, crossings };
+        match start::start(cx.device, cx.core, slots, room, &mut watchdog) {
             Ok(Tasks {
                 reflex,
                 ends,

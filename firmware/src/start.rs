@@ -22,7 +22,7 @@ use edm_runtime::plan::Plans;
 use edm_runtime::protocol::Protocol;
 use edm_runtime::servo::Servo;
 use edm_runtime::supervise::Supervise;
-use edm_runtime::{Crossings, Note, Parts, assemble};
+use edm_runtime::{Crossings, Note, Parts, Room, assemble};
 use edm_servo_head::backup::Keeper;
 use edm_servo_head::canopen::drive::{BLANK, DEVICE, Drive, Identity, Record};
 use edm_servo_head::canopen::{BitRate, BusSettings, Node};
@@ -54,11 +54,11 @@ pub struct Tasks {
     pub decoder: Decoder<Chip>,
     pub gap: Gap<Chip>,
     pub servo: Servo<Chip>,
-    pub plan: Plans<Chip>,
-    pub supervise: Supervise<Chip>,
+    pub plan: &'static mut Plans<Chip>,
+    pub supervise: &'static mut Supervise<Chip>,
     pub receive: Receive<Chip>,
     pub transmit: Transmit<Chip>,
-    pub protocol: Protocol<Chip>,
+    pub protocol: &'static mut Protocol<Chip>,
     pub idle: Idle<Chip>,
 }
 
@@ -68,6 +68,7 @@ pub struct Slots {
     buffer: [u8; BUFFER],
     node: MaybeUninit<Node>,
     drive: MaybeUninit<Drive>,
+    protocol: MaybeUninit<Protocol<Chip>>,
     record: Record,
     image: StoredImage,
 }
@@ -80,6 +81,7 @@ impl Slots {
             buffer: [0; BUFFER],
             node: MaybeUninit::uninit(),
             drive: MaybeUninit::uninit(),
+            protocol: MaybeUninit::uninit(),
             record: BLANK,
             image: StoredImage::NOTHING,
         }
@@ -118,6 +120,7 @@ pub fn start(
     device: pac::Peripherals,
     core: cortex_m::Peripherals,
     slots: &'static mut Slots,
+    room: Room<Chip>,
     watchdog: &mut Option<Watchdog>,
 ) -> Result<Tasks, StartError> {
     let machine = Machine::start(device, core, BUILD_NUMBER, (&SIGNALS.reflex, &SIGNALS.pauses), watchdog)?;
@@ -172,13 +175,11 @@ pub fn start(
         sync: machine.sync,
         scope,
     };
-    let tasks =
-        assemble(parts, &mut slots.crossings, &SIGNALS, drive.active(), path).map_err(|_| StartError::Settings)?;
+    let tasks = assemble(parts, room, &mut slots.crossings, &SIGNALS, drive.active(), path)
+        .map_err(|_| StartError::Settings)?;
     let mut watchdog = watchdog.take().ok_or(StartError::Watchdog)?;
     watchdog.normal().map_err(|_| StartError::Watchdog)?;
-    // The first tick comes half a period late, and none follows it early.
-    pwm::await_middle();
-    Ok(Tasks {
+    let tasks = Tasks {
         reflex: machine.reflex,
         ends: machine.ends.0,
         over: machine.ends.1,
@@ -189,7 +190,10 @@ pub fn start(
         supervise: tasks.supervise,
         receive: tasks.receive,
         transmit: tasks.transmit,
-        protocol: tasks.host.protocol(node, drive, defaults()?),
+        protocol: tasks.host.protocol(&mut slots.protocol, node, drive, &defaults()?),
         idle: tasks.idle.idle(watchdog, image_store, keeper, machine.stage),
-    })
+    };
+    // The first tick comes half a period late, and none follows it early.
+    pwm::await_middle();
+    Ok(tasks)
 }

@@ -2,7 +2,7 @@
 
 use crate::Board;
 use crate::can::{Receive, Transmit};
-use crate::crossings::{Arrival, Crossings, HeadConfig, Reset, ServoConfig, Signals, StorageJob};
+use crate::crossings::{Arrival, Crossings, HeadConfig, Reset, ServoConfig, Signals, StorageJob, TickCrossings};
 use crate::encoder::Decoder;
 use crate::gap::Gap;
 use crate::idle::Idle;
@@ -14,6 +14,7 @@ use crate::servo::{Chore, FIRST_CHORE, Servo};
 use crate::staging::Staging;
 use crate::supervise::Supervise;
 use crate::timers::Timers;
+use core::mem::MaybeUninit;
 use edm_crossing::ring::{Receiver, Sender};
 use edm_hal_shim::clock::Clock;
 use edm_hal_shim::encoder::QuadratureLines;
@@ -68,6 +69,21 @@ pub struct Parts<B: Board> {
     pub scope: Memory,
 }
 
+/// Room for what is too large to be moved about, or used in every tick: each is built where it stays. Gap and servo task are not among it:
+/// of a static that only one function knows, the compiler leaves out what none reads, and the modelled chip reads what they have seen.
+#[allow(missing_docs, reason = "each is that of the task of its name")]
+pub struct Room<B: Board> {
+    pub plan: &'static mut MaybeUninit<Plans<B>>,
+    pub supervise: &'static mut MaybeUninit<Supervise<B>>,
+    pub crossings: &'static mut MaybeUninit<TickCrossings>,
+}
+
+/// Builds a value where it stays. Not in line: no frame but this one ever holds it, whatever is built in line elsewhere.
+#[inline(never)]
+fn place<T>(room: &'static mut MaybeUninit<T>, make: impl FnOnce() -> T) -> &'static mut T {
+    room.write(make())
+}
+
 /// Every task with what it owns, but for protocol and idle: those need what is stored, [`Host::protocol`] and
 /// [`IdleEnds::idle`].
 #[allow(missing_docs, reason = "each is the task of its name")]
@@ -75,8 +91,8 @@ pub struct Tasks<B: Board> {
     pub decoder: Decoder<B>,
     pub gap: Gap<B>,
     pub servo: Servo<B>,
-    pub plan: Plans<B>,
-    pub supervise: Supervise<B>,
+    pub plan: &'static mut Plans<B>,
+    pub supervise: &'static mut Supervise<B>,
     pub receive: Receive<B>,
     pub transmit: Transmit<B>,
     pub host: Host<B>,
@@ -113,11 +129,9 @@ pub struct IdleEnds<B: Board> {
 ///
 /// # Errors
 /// When the thresholds of the reflex are refused.
-// In line, as the two that it calls with as much to say: each task is then built where it stays, in a frame of 3.3 KiB for all
-// of start-up instead of 4.7.
-#[inline(always)]
 pub fn assemble<B: Board>(
     parts: Parts<B>,
+    room: Room<B>,
     crossings: &'static mut Crossings,
     signals: &'static Signals,
     active: &Active,
@@ -130,10 +144,11 @@ pub fn assemble<B: Board>(
     thresholds.watch_ends(&active.pause);
     generator.request_off_time(active.off_time_ns);
 
-    let (reading_in, reading) = crossings.reading.split(GapReading::default());
-    let (estimates_in, estimates) = crossings.estimates.split(Estimate::default());
-    let (plans_in, plans) = crossings.plans.split(Plan::DISABLED);
-    let (measured_in, measured) = crossings.measured.split((Measured::default(), Counters::default()));
+    let fast = place(room.crossings, TickCrossings::default);
+    let (reading_in, reading) = fast.reading.split(GapReading::default());
+    let (estimates_in, estimates) = fast.estimates.split(Estimate::default());
+    let (plans_in, plans) = fast.plans.split(Plan::DISABLED);
+    let (measured_in, measured) = fast.measured.split((Measured::default(), Counters::default()));
     let (monitored_in, monitored) = crossings.monitored.split(Monitored::default());
     let (published_in, published) = crossings.published.split(Status::default());
     let off_time_ns = active.off_time_ns;
@@ -225,7 +240,7 @@ pub fn assemble<B: Board>(
             estimates: estimates_in,
             measured: measured_in,
         },
-        plan: Plans {
+        plan: place(room.plan, || Plans {
             planner: Planner::new(active.head, path, parts.self_test),
             steps: parts.steps,
             clock,
@@ -249,8 +264,8 @@ pub fn assemble<B: Board>(
             changes: changes_in,
             commissioned: commissioned_in,
             evidence: evidence_in,
-        },
-        supervise: Supervise {
+        }),
+        supervise: place(room.supervise, || Supervise {
             millisecond: parts.millisecond,
             supervisor: Supervisor::default(),
             clock,
@@ -264,7 +279,7 @@ pub fn assemble<B: Board>(
             config: supervision,
             faults: faults_in,
             monitored: monitored_in,
-        },
+        }),
         receive: Receive { inboxes, sync: parts.sync, clock, caller, signals, received: received_in },
         transmit: Transmit { mailboxes, caller, signals, sending },
         host: Host {
@@ -298,10 +313,16 @@ pub fn assemble<B: Board>(
 impl<B: Board> Host<B> {
     /// The protocol of a node and a drive that have begun with what is stored. `defaults` are the settings of a head that has
     /// nothing stored.
-    pub fn protocol(self, node: &'static mut Node, drive: &'static mut Drive, defaults: Settings) -> Protocol<B> {
+    pub fn protocol(
+        self,
+        room: &'static mut MaybeUninit<Protocol<B>>,
+        node: &'static mut Node,
+        drive: &'static mut Drive,
+        defaults: &Settings,
+    ) -> &'static mut Protocol<B> {
         let now = self.clock.now();
         drive.set_scope(self.scope);
-        Protocol {
+        place(room, || Protocol {
             clock: self.clock,
             caller: self.caller,
             signals: self.signals,
@@ -309,7 +330,7 @@ impl<B: Board> Host<B> {
             node,
             drive,
             slow: 0,
-            defaults,
+            defaults: *defaults,
             filters: self.filters,
             thresholds: self.thresholds,
             timers: Timers::new(now),
@@ -323,7 +344,7 @@ impl<B: Board> Host<B> {
             received: self.received,
             sending: self.sending,
             resets: self.resets,
-        }
+        })
     }
 }
 

@@ -87,7 +87,7 @@ impl Tunable for voltage::Voltage {
 }
 
 /// A board, by the types of its parts. Each contract is that of the trait.
-pub trait Board {
+pub trait Board: 'static {
     /// Time, the same for all.
     type Clock: Clock + Copy;
     /// Where the encoder's count is published: a place that the compiler knows, where there is one.

@@ -1,6 +1,6 @@
 //! All data that pass from one task to another.
 //!
-//! [`Signals`] are the atomics, [`Crossings`] the rest; [`assemble`](crate::assemble()) gives each end to its task. Nothing
+//! [`Signals`] are the atomics, [`TickCrossings`] and [`Crossings`] the rest; [`assemble`](crate::assemble()) gives each end to its task. Nothing
 //! else is shared: what is not here belongs to one task.
 
 use edm_crossing::atomic::{Counter, Flag, Word};
@@ -328,8 +328,9 @@ pub struct ServoConfig {
 /// What commissioning found.
 pub type Commissioned = Result<Report, Finding>;
 
-/// The crossings that are more than a word.
-pub struct Crossings {
+/// The crossings of each tick and plan that are more than a word.
+#[derive(Default)]
+pub struct TickCrossings {
     /// Gap task to servo task.
     pub(crate) reading: Latest<GapReading>,
     /// Servo task to planner.
@@ -338,6 +339,10 @@ pub struct Crossings {
     pub(crate) plans: Latest<Plan>,
     /// Servo task to supervision.
     pub(crate) measured: Latest<(Measured, Counters)>,
+}
+
+/// The other crossings that are more than a word.
+pub struct Crossings {
     /// Supervision to planner.
     pub(crate) monitored: Latest<Monitored>,
     /// Planner to protocol.
@@ -382,10 +387,6 @@ impl Crossings {
     /// Nothing has crossed.
     pub const fn new() -> Self {
         Crossings {
-            reading: Latest::new(),
-            estimates: Latest::new(),
-            plans: Latest::new(),
-            measured: Latest::new(),
             monitored: Latest::new(),
             published: Latest::new(),
             head: Latest::new(),

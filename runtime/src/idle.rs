@@ -44,7 +44,7 @@ pub struct Idle<B: Board> {
 
 impl<B: Board> Idle<B> {
     /// One round.
-    pub fn round(&mut self, protocol: &mut impl Mutex<T = Protocol<B>>) {
+    pub fn round(&mut self, protocol: &mut impl Mutex<T = &'static mut Protocol<B>>) {
         match self.signals.task_watchdog.missing(self.clock.now()) {
             None => self.watchdog.feed(),
             Some(task) => self.watchdog.silent(task),
@@ -98,7 +98,7 @@ impl<B: Board> Idle<B> {
     }
 
     /// A part of an update of the program.
-    fn update(&mut self, update: Update, permit: WritePermit, protocol: &mut impl Mutex<T = Protocol<B>>) {
+    fn update(&mut self, update: Update, permit: WritePermit, protocol: &mut impl Mutex<T = &'static mut Protocol<B>>) {
         let piece = protocol.lock(|protocol| protocol.node().piece().and_then(Piece::of));
         let patient = Staging::<B::Stage>::takes_long(update).then(|| self.watchdog.erase());
         let (result, permit) = self.staging.run(update, piece, permit, self.clock.now());
@@ -111,7 +111,7 @@ impl<B: Board> Idle<B> {
     }
 
     /// Erases one sector of the stage; the processor stands still meanwhile.
-    fn erase(&mut self, protocol: &mut impl Mutex<T = Protocol<B>>) {
+    fn erase(&mut self, protocol: &mut impl Mutex<T = &'static mut Protocol<B>>) {
         let patient = self.watchdog.erase();
         let clock = self.clock;
         let permit = self.staging.erase(|| clock.now());
@@ -126,7 +126,7 @@ impl<B: Board> Idle<B> {
     }
 
     /// Starts the program that was staged.
-    fn restart(&mut self, protocol: &mut impl Mutex<T = Protocol<B>>) {
+    fn restart(&mut self, protocol: &mut impl Mutex<T = &'static mut Protocol<B>>) {
         let permit = self.staging.restart();
         self.give_back(permit);
         let id = self.staging.id();
@@ -140,7 +140,12 @@ impl<B: Board> Idle<B> {
         }
     }
 
-    fn change(&mut self, job: StorageJob, permit: WritePermit, protocol: &mut impl Mutex<T = Protocol<B>>) {
+    fn change(
+        &mut self,
+        job: StorageJob,
+        permit: WritePermit,
+        protocol: &mut impl Mutex<T = &'static mut Protocol<B>>,
+    ) {
         let compose = |image: &mut _| protocol.lock(|protocol| protocol.keep(job, image));
         let result = self.image_store.change(&permit, &mut self.watchdog, compose);
         // Nobody could report or decode an edge while the flash was erased.

@@ -34,7 +34,7 @@ mod staging;
 pub mod supervise;
 pub mod timers;
 
-pub use assemble::{HostEnds, Parts, Tasks, assemble};
+pub use assemble::{HostEnds, Parts, Room, Tasks, assemble};
 pub use board::Board;
-pub use crossings::{Crossings, Signals};
+pub use crossings::{Crossings, Signals, TickCrossings};
 pub use note::Note;

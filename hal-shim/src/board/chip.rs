@@ -209,11 +209,11 @@ const _: () = {
 /// End of the RAM but for [`SHARED`], where the stack begins and grows down.
 pub const RAM_END: u32 = 0x2002_0000 - SHARED;
 /// Bytes at the end of the RAM for what the tasks share whose code lies in RAM: SRAM2, which no code is fetched from.
-pub const SHARED: u32 = 4 * 1024;
+pub const SHARED: u32 = 8 * 1024;
 /// What everything at once may take of the stack, bytes; RAM leaves more than twice as much.
 pub const STACK: u32 = 28 * 1024;
 /// What lies below and nobody may touch as data, bytes: no frame may be larger. It holds the code that runs from RAM.
-pub const STACK_GUARD: u32 = 40 * 1024;
+pub const STACK_GUARD: u32 = 36 * 1024;
 /// Where that code is fetched: SRAM1 appears at address 0.
 pub const FAST: u32 = RAM_END - STACK - STACK_GUARD - 0x2000_0000;
 

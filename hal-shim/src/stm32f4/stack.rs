@@ -11,21 +11,23 @@ use crate::board::{RAM_END, STACK, STACK_GUARD};
 use cortex_m::peripheral::MPU;
 
 const BASE: u32 = RAM_END - STACK - STACK_GUARD;
-/// The guard is two regions, the larger one above.
-const UPPER: u32 = 1 << STACK_GUARD.ilog2();
-const LOWER: u32 = STACK_GUARD - UPPER;
+/// The guard is two regions, the larger one above. Of that the last eighths are the stack's.
+const LOWER: u32 = 8 * 1024;
+const UPPER: u32 = (STACK_GUARD - LOWER).next_power_of_two();
 /// Where the upper one begins.
 const MIDDLE: u32 = BASE + LOWER;
-// A region is a power of two, 32 bytes at least, and a multiple of itself.
-const _: () =
-    assert!(LOWER.is_power_of_two() && LOWER >= 32 && BASE.is_multiple_of(LOWER) && MIDDLE.is_multiple_of(UPPER));
+/// How many eighths those are.
+const LEFT_OUT: u32 = (LOWER + UPPER - STACK_GUARD) / (UPPER / 8);
+// A region is a power of two, 32 bytes at least, and a multiple of itself; one with eighths has 256 at least.
+const _: () = assert!(BASE.is_multiple_of(LOWER) && MIDDLE.is_multiple_of(UPPER) && UPPER >= 256);
+const _: () = assert!(LOWER + UPPER / 8 * (8 - LEFT_OUT) == STACK_GUARD);
 
 /// Regions 0 and 2, with the number in the address.
 const UPPER_REGION: u32 = MIDDLE | 1 << 4;
 const LOWER_REGION: u32 = BASE | 1 << 4 | 2;
-/// No access at all, nothing to be executed, of 2^(SIZE + 1) bytes; enabled.
-const fn no_access(bytes: u32) -> u32 {
-    1 << 28 | (bytes.ilog2() - 1) << 1 | 1
+/// No access at all, nothing to be executed, of 2^(SIZE + 1) bytes but for so many eighths at their end (SRD, B3.5.9); enabled.
+const fn no_access(bytes: u32, left_out: u32) -> u32 {
+    1 << 28 | (0xFF00 >> left_out & 0xFF) << 8 | (bytes.ilog2() - 1) << 1 | 1
 }
 /// Region 1: SRAM1 where code is fetched, read only, cached as memory is by default (B3.5.9), of 128 KiB.
 const CODE: u32 = 1 << 4 | 1;
@@ -49,9 +51,9 @@ pub fn guard(mpu: &mut MPU) {
     // above. Nothing is written where code is fetched.
     unsafe {
         mpu.rbar.write(UPPER_REGION);
-        mpu.rasr.write(no_access(UPPER));
+        mpu.rasr.write(no_access(UPPER, LEFT_OUT));
         mpu.rbar.write(LOWER_REGION);
-        mpu.rasr.write(no_access(LOWER));
+        mpu.rasr.write(no_access(LOWER, 0));
         mpu.rbar.write(CODE);
         mpu.rasr.write(READ_ONLY);
         mpu.ctrl.write(ENABLE);

@@ -267,8 +267,8 @@ impl Places {
         layout.same(BLOCKS, size_of::<Option<GapBlock>>(), &[])?;
         let symbol = |module, name| image.find(module, name).with_context(|| format!("the ELF has no symbol {name}"));
         let servo = symbol("app", "__rtic_internal_local_resource_servo")?;
-        let plan = symbol("app", "__rtic_internal_local_resource_plan")?;
-        let supervise = symbol("app", "__rtic_internal_local_resource_supervise")?;
+        let plan = symbol("app", "__rtic_internal_local_init_plan_room")?;
+        let supervise = symbol("app", "__rtic_internal_local_init_supervise_room")?;
         let planner = plan + layout.offset(PLANS, "planner")?;
         let raised = plan + layout.offset(PLANS, "raised")?;
         let executed = plan + layout.offset(PLANS, "executed")?;

@@ -17,7 +17,7 @@ use edm_runtime::gap::Gap;
 use edm_runtime::plan::Plans;
 use edm_runtime::servo::Servo;
 use edm_runtime::supervise::Supervise;
-use edm_runtime::{Crossings, HostEnds, Parts, Signals, Tasks, assemble};
+use edm_runtime::{Crossings, HostEnds, Parts, Room, Signals, Tasks, assemble};
 use edm_servo_head::encoder::Shared as Published;
 use edm_servo_head::gap::{Surrogate, SurrogateConfig, Voltage};
 use edm_servo_head::head::{
@@ -28,6 +28,7 @@ use edm_servo_head::scope::Memory;
 use edm_servo_head::settings::{Active, SettingError, Settings};
 use edm_servo_head::units::{CLOCK_HZ, Fixed, MicrometresPerSecond, Nanometres, PLAN_TICKS, TICKS_PER_MS, Volts};
 use edm_technology::File;
+use std::mem::MaybeUninit;
 use std::sync::atomic::Ordering::Relaxed;
 
 /// Gap that counts as right in the dry loop, um.
@@ -130,8 +131,8 @@ pub struct Core {
     pub(crate) decoder: Decoder<Pc>,
     pub(crate) gap: Gap<Pc>,
     pub(crate) servo: Servo<Pc>,
-    pub(crate) plan: Plans<Pc>,
-    pub(crate) supervise: Supervise<Pc>,
+    pub(crate) plan: &'static mut Plans<Pc>,
+    pub(crate) supervise: &'static mut Supervise<Pc>,
     pub(crate) ticks: u32,
     status: Status,
 }
@@ -190,7 +191,8 @@ impl Core {
             sync: part,
             scope: Memory::leak(),
         };
-        let Ok(tasks) = assemble(parts, crossings, signals, active, path);
+        let room = Room { plan: leak(), supervise: leak(), crossings: leak() };
+        let Ok(tasks) = assemble(parts, room, crossings, signals, active, path);
         let Tasks { decoder, gap, servo, plan, supervise, receive, transmit, host, idle } = tasks;
         let status = *plan.planner().status();
         let core = Core { ports, signals, published, decoder, gap, servo, plan, supervise, ticks: 0, status };
@@ -267,6 +269,11 @@ impl Core {
     pub fn host_is_alive(&self) {
         self.signals.host.set();
     }
+}
+
+/// Room that is there for as long as the program runs.
+pub(crate) fn leak<T>() -> &'static mut MaybeUninit<T> {
+    Box::leak(Box::new_uninit())
 }
 
 /// Advances the process by a period under the outputs of the head.

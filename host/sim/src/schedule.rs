@@ -141,11 +141,11 @@ struct Inner {
     decoder: RefCell<Decoder<Pc>>,
     gap: RefCell<Gap<Pc>>,
     servo: RefCell<Servo<Pc>>,
-    plan: RefCell<Plans<Pc>>,
-    supervise: RefCell<Supervise<Pc>>,
+    plan: RefCell<&'static mut Plans<Pc>>,
+    supervise: RefCell<&'static mut Supervise<Pc>>,
     receive: RefCell<Receive<Pc>>,
     transmit: RefCell<Transmit<Pc>>,
-    protocol: RefCell<Protocol<Pc>>,
+    protocol: RefCell<&'static mut Protocol<Pc>>,
     idle: RefCell<Idle<Pc>>,
     random: RefCell<Xoshiro256PlusPlus>,
     habits: Cell<Habits>,
@@ -550,8 +550,8 @@ impl Inner {
 struct Ceiling<'a>(&'a Inner);
 
 impl Mutex for Ceiling<'_> {
-    type T = Protocol<Pc>;
-    fn lock<R>(&mut self, f: impl FnOnce(&mut Protocol<Pc>) -> R) -> R {
+    type T = &'static mut Protocol<Pc>;
+    fn lock<R>(&mut self, f: impl FnOnce(&mut &'static mut Protocol<Pc>) -> R) -> R {
         self.0.at(priority("protocol"), || f(&mut self.0.protocol.borrow_mut()))
     }
 }

@@ -51,6 +51,8 @@ pub struct CoreRegs {
     /// Data address that the MPU has refused.
     pub mmfar: u32,
     mpu: Mpu,
+    /// Writes to the MPU, wrapping: who keeps to what it forbids looks again when this changes.
+    pub guards: u32,
     actlr: u32,
     demcr: u32,
     dwt_ctrl: u32,
@@ -87,6 +89,7 @@ impl CoreRegs {
             scr: 0,
             mmfar: 0,
             mpu: Mpu::default(),
+            guards: 0,
             actlr: 0,
             demcr: 0,
             dwt_ctrl: 0x4000_0000,
@@ -314,7 +317,10 @@ impl CoreRegs {
             0xe000_ed28 => self.cfsr &= !value,
             0xe000_ed2c => self.hfsr &= !value,
             0xe000_ed30 => (),
-            0xe000_ed94..=0xe000_eda0 => self.mpu.write(address, value)?,
+            0xe000_ed94..=0xe000_eda0 => {
+                self.guards = self.guards.wrapping_add(1);
+                self.mpu.write(address, value)?;
+            }
             0xe000_ed88 => self.cpacr = value & 0x00f0_0000,
             0xe000_edfc => {
                 self.freeze_cycles(now);

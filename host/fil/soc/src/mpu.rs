@@ -1,6 +1,6 @@
 //! Memory protection unit (ARMv7-M B3.5): one area without access, of regions that adjoin, and one of code that is read only, above the default map.
-//! Whatever else the unit can do is refused: further regions, rights of one privilege, subregions, less than 4 KiB, itself in
-//! HardFault and NMI.
+//! Whatever else the unit can do is refused: further regions, rights of one privilege, subregions that are left out but for the last ones,
+//! less than 4 KiB, itself in HardFault and NMI.
 
 use crate::error::Fault;
 use std::ops::Range;
@@ -9,7 +9,6 @@ const REGIONS: usize = 8;
 
 mod rasr {
     pub const ENABLE: u32 = 1;
-    pub const SUBREGIONS: u32 = 0xff << 8;
     pub const NEVER_EXECUTED: u32 = 1 << 28;
     pub const ACCESS: u32 = 7 << 24;
     pub const NO_ACCESS: u32 = 0;
@@ -59,7 +58,9 @@ impl Mpu {
                 self.attributes[region] = value;
                 let code = value & (rasr::ACCESS | rasr::NEVER_EXECUTED) == rasr::READ_ONLY;
                 let right = code || value & rasr::ACCESS == rasr::NO_ACCESS;
-                let simple = right && value & rasr::SUBREGIONS == 0 && value >> 1 & 0x1f >= 11;
+                let (left_out, eighth) = ((value >> 8) as u8, value >> 1 & 0x1f >= 14);
+                let last = left_out.leading_ones() == left_out.count_ones() && (left_out == 0 || eighth);
+                let simple = right && last && value >> 1 & 0x1f >= 11;
                 if value & rasr::ENABLE != 0 && (self.joined(value & rasr::ACCESS).is_none() || !simple) {
                     return Err(Fault::Unsupported(
                         "regions of the MPU other than one area without access and one of read-only code, of 4 KiB or more",
@@ -94,7 +95,8 @@ impl Mpu {
                 let size = 1u32.checked_shl((it >> 1 & 0x1f) + 1)?;
                 // An address that is not a multiple of the size counts as the one below that is (B3.5.8).
                 let start = base & !(size - 1);
-                Some(start..start.checked_add(size)?)
+                let left_out = size / 8 * (it >> 8 & 0xff).count_ones();
+                Some(start..start.checked_add(size - left_out)?)
             })
             .collect::<Option<_>>()?;
         areas.sort_by_key(|area| area.start);
@@ -138,6 +140,8 @@ mod tests {
         assert!(refused(&[(RASR, 3 << 24 | 11 << 1 | 1)]));
         assert!(refused(&[(RASR, 11 << 1 | 1), (RBAR, 1 << 4 | 1), (RASR, 11 << 1 | 1)]));
         assert!(!refused(&[(RASR, 11 << 1 | 1), (RASR, 12 << 1 | 1)]));
+        // Eighths that are left out: the first one, and of less than 4 KiB.
+        assert!(refused(&[(RASR, 1 << 8 | 14 << 1 | 1)]) && refused(&[(RASR, 0x80 << 8 | 13 << 1 | 1)]));
     }
 
     #[test]
@@ -152,5 +156,11 @@ mod tests {
         };
         assert_eq!(two(0x2000_e000), Ok(Some(0x2000_e000..0x2001_8000)));
         assert!(two(0x2000_c000).is_err());
+        // Without its last eighth, 4 KiB.
+        let mut mpu = Mpu::default();
+        mpu.write(CTRL, 5).unwrap();
+        mpu.write(RBAR, 0x2001_0000 | 1 << 4).unwrap();
+        mpu.write(RASR, 0x80 << 8 | 14 << 1 | 1).unwrap();
+        assert_eq!(mpu.forbidden(), Some(0x2001_0000..0x2001_7000));
     }
 }

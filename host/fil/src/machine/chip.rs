@@ -144,6 +144,8 @@ pub struct Chip<W> {
     pub code_in_ram: bool,
     /// The engine has SRAM1 at address 0.
     sram_at_zero: bool,
+    /// Writes to the MPU that the engine follows.
+    pub guards: u32,
     /// The engine may write flash, because it just had to.
     pub flash_open: bool,
     /// CONTROL.FPCA: the running code has an FPU context.
@@ -185,6 +187,7 @@ impl<W: World> Chip<W> {
             flash_write: None,
             code_in_ram: false,
             sram_at_zero: false,
+            guards: 0,
             flash_open: false,
             fpca: false,
             lazy: None,
@@ -486,6 +489,7 @@ impl<W: World> Chip<W> {
         self.limit = half(self.soc.next_event()).min(self.until);
         self.flash_open
             || self.remap().is_some()
+            || self.guards != self.soc.core().guards
             || self.soc.error().is_some()
             || self.soc.reset_request().is_some()
             || self.time_is_up()

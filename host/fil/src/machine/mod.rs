@@ -139,7 +139,9 @@ impl<W: World + 'static> Machine<W> {
 
     /// Keeps from the engine what the MPU keeps from the processor now, and nothing else.
     fn follow_mpu(&mut self) -> Result<()> {
-        let wanted = self.uc.get_data_mut().soc.core().forbidden();
+        let chip = self.uc.get_data_mut();
+        chip.guards = chip.soc.core().guards;
+        let wanted = chip.soc.core().forbidden();
         if self.guarded.as_ref().map(|(range, _)| range) == wanted.as_ref() {
             return Ok(());
         }

@@ -43,6 +43,8 @@ fn expect_named(session: &mut Session) {
 fn an_interrupt_whose_frame_would_lie_in_the_guard_switches_off_and_is_named() {
     let mut session = Session::ready(&image(), RATED_SCENE).unwrap();
     session.erode().unwrap();
+    // A duty passes through nothing: the next ticks have one.
+    session.idle(MS).unwrap();
     assert!(session.machine.soc().world.drives());
     move_stack(&mut session, END + 16);
     let before = session.machine.soc().memory.sram.clone();

@@ -7,7 +7,7 @@
 
 use crate::battery::Battery;
 use crate::board::{PROTOCOL, Part, Pc, Ports, TRANSMIT};
-use crate::machine::{Core, Others, show};
+use crate::machine::{Core, Others, leak, show};
 use crate::process::Process;
 use crate::run::Setup;
 use crate::stage::Memory;
@@ -38,7 +38,7 @@ pub struct Head {
     pub(crate) core: Core,
     pub(crate) receive: Receive<Pc>,
     pub(crate) transmit: Transmit<Pc>,
-    pub(crate) protocol: Alone<Protocol<Pc>>,
+    pub(crate) protocol: Alone<&'static mut Protocol<Pc>>,
     pub(crate) idle: Idle<Pc>,
     kept: Kept,
     /// What its generator is set to, as a row of a technology table says.
@@ -140,7 +140,7 @@ impl Head {
         let [sync, others_of_node @ ..] = node.identifiers();
         edm_hal_shim::can::Filters::listen(&mut Part(ports), sync, &others_of_node);
         let Others { host, idle, receive, transmit } = others;
-        let protocol = Alone(host.protocol(node, drive, settings));
+        let protocol = Alone(host.protocol(leak(), node, drive, &settings));
         let idle = idle.idle(Part(ports), image_store, keeper, Memory::default());
         Ok(Head { process, core, receive, transmit, protocol, idle, kept, pulse: Pulse::default() })
     }
@@ -162,7 +162,7 @@ impl Head {
 
     /// The protocol.
     pub fn protocol(&self) -> &Protocol<Pc> {
-        &self.protocol.0
+        self.protocol.0
     }
 
     /// Whether the generator may pulse after the last tick.

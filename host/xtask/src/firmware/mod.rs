@@ -152,7 +152,7 @@ impl Image {
             }
             let shared = SHARED.contains(&address);
             // Initial values of variables are in flash as well.
-            let copied = name == ".data" || FAST.contains(&address) || shared;
+            let copied = name == ".data" || FAST.contains(&address) || shared && !data.is_empty();
             if (FLASH.contains(&address) && !LOADER.contains(&address)) || copied {
                 image.flash += size;
             }

@@ -63,10 +63,13 @@ fn block(called: &str) -> Result<usize, String> {
 
 /// Every crossing: from, to, kind, name.
 fn crossings() -> Result<Vec<(usize, usize, Kind, &'static str)>, String> {
-    let from = DECLARATIONS.find("pub struct Crossings {").ok_or("runtime/src/crossings.rs: no struct Crossings")?;
-    let body = DECLARATIONS[from..].lines().skip(1).take_while(|line| *line != "}");
+    let mut body = Vec::new();
+    for structure in ["pub struct TickCrossings {", "pub struct Crossings {"] {
+        let from = DECLARATIONS.find(structure).ok_or(format!("runtime/src/crossings.rs: no {structure}"))?;
+        body.extend(DECLARATIONS[from..].lines().skip(1).take_while(|line| *line != "}"));
+    }
     let (mut found, mut ends) = (Vec::new(), None);
-    for line in body.map(str::trim) {
+    for line in body.into_iter().map(str::trim) {
         if let Some(doc) = line.strip_prefix("/// ") {
             let sentence = doc.split([':', '.']).next().unwrap_or(doc);
             let (from, to) =
