@@ -83,7 +83,7 @@ fn the_chip_bores_micro_holes_in_whose_shorts_no_current_is_left_and_loses_no_co
 
 /// Part I of N of the scenarios, as EDM_SCENARIOS=I/N names it: each bores 0.02 mm, or for a minute, beside the native core.
 #[test]
-#[ignore = "half an hour: .ci/campaigns/chip-scenarios"]
+#[ignore = "five minutes: .ci/campaigns/chip-scenarios"]
 fn every_scenario_bores_on_the_chip_tick_by_tick_as_natively_and_loses_no_count() {
     let shard = std::env::var("EDM_SCENARIOS").unwrap_or_else(|_| "1/1".into());
     let (part, of) = shard.split_once('/').unwrap();
@@ -95,17 +95,19 @@ fn every_scenario_bores_on_the_chip_tick_by_tick_as_natively_and_loses_no_count(
         let settings = Settings { commissioned: true, ..setup.head };
         let mut rig = Emulated::start(&image, setup.process, &settings, 1, Witness::twin(&settings).unwrap()).unwrap();
         host::begin(&mut rig).unwrap();
-        // Truth and count are not of the same moment to the microsecond.
+        // Truth and count are not of the same moment to the microsecond, and a head that holds its place sways.
         let lost = |rig: &mut Emulated| {
-            let mut offsets = [(); 21].map(|()| {
+            let mut offsets = [(); 4001].map(|()| {
                 rig.tick().unwrap();
                 rig.true_count() - rig.status().position
             });
             offsets.sort_unstable();
-            offsets[10]
+            offsets[2000]
         };
-        let (first, surface) = (lost(&mut rig), rig.process().truth().surface_um);
+        let surface = rig.process().truth().surface_um;
         common::bore(&mut rig, Nanometres(3_000_000));
+        // From the home that it has now.
+        let first = lost(&mut rig);
         let mut ticks = 0;
         while ticks < 60 * TICK_HZ && rig.process().truth().surface_um < surface + 20.0 {
             rig.tick().unwrap_or_else(|error| panic!("{scenario}: {error}"));
