@@ -84,7 +84,7 @@ mod app {
         slots: Slots = Slots::new(),
         plan_room: MaybeUninit<Plans<Chip>> = MaybeUninit::uninit(),
         supervise_room: MaybeUninit<Supervise<Chip>> = MaybeUninit::uninit(),
-        // In SRAM2, for the same reason.
+        // In SRAM2, which no code is fetched from.
         #[unsafe(link_section = ".shared_later")]
         crossings: MaybeUninit<TickCrossings> = MaybeUninit::uninit(),
     ])]
