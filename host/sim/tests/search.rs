@@ -23,7 +23,8 @@ fn a_search_that_was_cut_goes_on_and_finds_what_it_would_have_found() {
     let table = std::fs::read_to_string(folder.path().join("all.csv")).unwrap();
     let lines: Vec<&str> = table.lines().collect();
     assert!(lines.len() > 11, "{table}");
-    std::fs::write(folder.path().join("part.csv"), lines[..11].join("\n") + "\n").unwrap();
+    let cut = lines.len() * 3 / 4;
+    std::fs::write(folder.path().join("part.csv"), lines[..cut].join("\n") + "\n").unwrap();
     let words = [&["--law", "fixed_rate", "--csv", "part.csv"][..], &SHORT].concat();
     let again = run(folder.path(), &words);
     assert_eq!(again.stdout, whole.stdout);
