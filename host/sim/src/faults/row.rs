@@ -8,6 +8,8 @@ use std::fmt::Write;
 pub const COVERED: f64 = 0.99;
 /// Largest share of them that is proved harmless instead of being named.
 pub const HARMLESS: f64 = 0.1;
+/// Rows that a page shows; `--json` has all of them.
+const SHOWN: usize = 10;
 
 /// A fault and the reaction of the head; of several runs the worst.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -117,19 +119,27 @@ impl Campaign {
         text
     }
 
-    /// The section of a page: the counts, and a table of every row.
+    /// The section of a page: the counts, what is harmless, and a table of the rows with the greatest forces and of all that do not pass.
     pub fn section(&self) -> String {
+        let harmless: Vec<_> = self.rows.iter().filter(|row| row.outcome() == Outcome::Harmless).collect();
+        let names: Vec<_> = harmless.iter().map(|row| row.fault.as_str()).collect();
         let mut text = format!(
-            "{} faults injected: {} detected, {} harmless, {} missed; {:.1} % covered.\n\n\
+            "{} faults injected: {} detected, {} harmless, {} missed; {:.1} % covered.\n\nHarmless: {}.\n\n\
              | fault | reaction | pulses off | reported | contact N | current A | recovers | |\n\
              | --- | --- | --- | --- | --- | --- | --- | --- |\n",
             self.injected,
             self.detected,
             self.harmless,
             self.missed,
-            100.0 * self.coverage()
+            100.0 * self.coverage(),
+            if names.is_empty() { "none".into() } else { names.join("; ") }
         );
-        for row in &self.rows {
+        let mut rows: Vec<_> = self.rows.iter().collect();
+        // The order of the campaign, among equals.
+        rows.sort_by(|a, b| a.pass.cmp(&b.pass).then(b.contact_n.total_cmp(&a.contact_n)));
+        let fail = rows.iter().filter(|row| !row.pass).count();
+        rows.truncate(fail.max(SHOWN));
+        for row in rows {
             let said = match row.outcome() {
                 Outcome::Detected => row.reported.as_deref().unwrap_or_default(),
                 Outcome::Harmless => "nothing: harmless",
