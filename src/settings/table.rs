@@ -231,7 +231,7 @@ declare! {
         0x2105:3 retreat_velocity: f32 = 5000.0, (100.0, 200_000.0), "retreat.velocity_um_s", "um/s", "assumed", rises "the retreat would be slower";
         /// Length to go back from a short at least.
         0x2105:4 retreat_clearance: f32 = 10.0, (0.0, 10_000.0), "retreat.clearance_um", "um", "assumed", rises "the retreat would end closer to the work";
-        /// Length to go back from a short at most; still shorted there, the short is persistent.
+        /// Length to go back from a short at most; still shorted 100 ms later, the short is persistent.
         0x2105:5 retreat_limit: f32 = 2000.0, (1.0, 1_000_000.0), "retreat.limit_um", "um", "assumed", falls "a persistent short would burn longer";
         /// Time after which a short is persistent.
         0x2105:6 retreat_persistent_ms: f32 = 1000.0, (1.0, 60_000.0), "retreat.persistent_ms", "ms", "assumed", falls "a persistent short would burn longer";

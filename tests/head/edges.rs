@@ -249,7 +249,7 @@ fn a_retrace_goes_further_back_than_a_working_retreat_may() {
         let before = bench.um();
         bench.follows = Some(-1.0);
         bench.run_until(0.1, |bench| bench.state() == State::Retreating);
-        bench.run_until(0.2, |bench| bench.fault() == Some(Fault::PersistentShort));
+        bench.run_until(0.3, |bench| bench.fault() == Some(Fault::PersistentShort));
         let gone = before - bench.um();
         assert!((90.0..110.0).contains(&gone), "{gone} um");
     }
@@ -279,8 +279,25 @@ fn a_short_is_persistent_where_the_retreat_ends_however_long_it_might_last() {
     // 2 mm at 5 mm/s, but not beyond the beginning of the path.
     bench.run(0.35);
     assert_eq!(bench.state(), State::Retreating);
+    // There a bridge has 100 ms to tear.
+    bench.run(0.1);
+    assert_eq!(bench.state(), State::Retreating);
     bench.run_until(0.1, |bench| bench.fault() == Some(Fault::PersistentShort));
     assert!(before - bench.um() > 1900.0, "{} um", before - bench.um());
+}
+
+#[test]
+fn a_bridge_that_tears_where_the_retreat_ends_is_no_fault() {
+    let mut bench = Bench::with(|settings| settings.retreat_limit = 100.0);
+    bench.make_ready();
+    bench.erode();
+    for _ in 0..3 {
+        bench.follows = Some(-1.0);
+        bench.run_until(0.1, |bench| bench.state() == State::Retreating);
+        bench.run(0.1);
+        (bench.follows, bench.surface_um) = (None, bench.um() + 60.0);
+        bench.run_until(1.0, |bench| bench.state() == State::Eroding);
+    }
 }
 
 fn home(method: Method, at: Nanometres, slow: f32) -> Command {

@@ -183,6 +183,8 @@ pub struct Planner<P> {
     commissioned: Option<Result<Report, Finding>>,
     /// Tick in which the present state was entered.
     entered: u32,
+    /// Last tick in which the retreat under way still had a way to go.
+    cornered: u32,
     /// The upper limit was open when the loop was closed: the head may leave it downward.
     upper_limit_excused: bool,
     /// A [`super::WritePermit`] is out.
@@ -249,6 +251,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             commissioning: None,
             commissioned: None,
             entered: 0,
+            cornered: 0,
             upper_limit_excused: false,
             write_permitted: false,
             self_test_failed: self_test.failed(),

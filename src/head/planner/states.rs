@@ -9,11 +9,14 @@ use crate::head::proof::{Goal, Outcome};
 use crate::head::reaction::Motion;
 use crate::head::state::{Reason, State};
 use crate::path::Path;
-use crate::units::MicrometresPerSecond;
+use crate::units::{MicrometresPerSecond, TICKS_PER_MS};
 use core::ops::DerefMut;
 
 /// At rest.
 pub(super) const REST: MicrometresPerSecond = MicrometresPerSecond(0.0);
+/// Servo ticks that a bridge of debris has to tear or burn away where a retreat ends: 100 ms, ten mean lives (assumed,
+/// docs/process-model.md).
+const BRIDGE: u32 = 100 * TICKS_PER_MS;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
     /// State transitions, then the motion of the state and whether it needs pulses.
@@ -117,6 +120,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
     pub(super) fn watch_short(&mut self, from: State) {
         if self.now.short || self.status.gap.short_ticks >= self.config.retreat.trigger {
             self.retreat = (from, self.status.position);
+            self.cornered = self.status.tick;
             self.good = self.good.max(self.route.s());
             if !self.now.short && self.ready_to_escape() {
                 self.route.escape(self.route.s(), self.escape);
@@ -140,11 +144,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         if !shorted && clear {
             self.enter(back_to, Reason::GapRecovered);
             self.lead(After::Retreat);
-        } else if shorted
-            && (self.status.tick.wrapping_sub(self.entered) > self.config.retreat.persistent
-                || self.route.is_exhausted()
-                || self.is_spent())
-        {
+            return;
+        }
+        if !(self.route.is_exhausted() || self.is_spent()) {
+            self.cornered = self.status.tick;
+        }
+        let since = |tick: u32| self.status.tick.wrapping_sub(tick);
+        if shorted && (since(self.entered) > self.config.retreat.persistent || since(self.cornered) > BRIDGE) {
             self.raise(Fault::PersistentShort);
         }
     }
