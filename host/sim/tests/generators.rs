@@ -35,6 +35,19 @@ impl Generator {
         }
     }
 
+    /// Share of all pulses that the best rule names wrongly which knows of each only its delay and what it burned at, and of all how they are
+    /// distributed: the likelier class. Sparks without a delay and arcs with one are as many as the process model has.
+    fn best_rule_errs(&self, made: &Pulses) -> f64 {
+        let (prompt, late) = (0.12 * made.spark as f64, 0.15 * made.arc as f64);
+        let arcs = made.arc as f64 - late;
+        let normal = |x: f64| 0.5 * libm::erfc(-x / std::f64::consts::SQRT_2);
+        let apart = (self.burn - self.arc) / self.scatter;
+        // Below this, in deviations from the arcs, an arc is likelier.
+        let boundary = 0.5 * apart + (arcs / prompt).ln() / apart;
+        let wrong = arcs * normal(-boundary) + prompt * normal(boundary - apart);
+        (late + wrong) / made.total() as f64
+    }
+
     /// A sinker that begins a hole in which every eighth discharge or so is an arc.
     fn begins(&self, seed: u64) -> Machine {
         let Setup { process: mut plant, head, .. } = Setup::load("sinker-dirty").unwrap();
@@ -103,7 +116,7 @@ fn any_generator_bores_without_a_fault_and_its_arcs_are_counted() {
     let number = |name: &str, default| std::env::var(name).map_or(default, |value| value.parse().unwrap());
     let (count, seed) = (number("EDM_GENERATORS", 4), number("EDM_GENERATORS_SEED", 1));
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let (mut sum, mut worst) = (0.0, 0.0f64);
+    let (mut sum, mut worst, mut beyond) = (0.0, 0.0f64, 0);
     for n in 0..count {
         let generator = Generator::drawn(&mut random);
         let (found, made, undelayed) = generator.bores(n + 1);
@@ -117,11 +130,14 @@ fn any_generator_bores_without_a_fault_and_its_arcs_are_counted() {
         println!(
             "{generator:.1?}\n    {share:.2} % arcs, {found_share:.2} found, {named} named, {unnamed} not, {undelayed:.3?}, {found:?} {made:?}"
         );
-        sum += (found_share - share).abs();
-        worst = worst.max((found_share - share).abs());
+        let error = (found_share - share).abs();
+        // Levels that lie in each other are not told apart by any rule.
+        let best = 100.0 * generator.best_rule_errs(&made);
+        assert!(error <= 3.0 || error <= 1.5 * best, "{generator:?}: {error:.2} points, the best rule {best:.2}");
+        (sum, worst, beyond) = (sum + error, worst.max(error), beyond + u32::from(error > 3.0));
     }
-    println!("mean {:.2}, worst {worst:.2} points", sum / count as f64);
-    assert!(sum / count as f64 <= 1.5 && worst <= 3.0);
+    println!("mean {:.2}, worst {worst:.2} points, more than 3 points in {beyond}", sum / count as f64);
+    assert!(sum / count as f64 <= 1.5 && 100 * u64::from(beyond) <= count);
 }
 
 #[test]
