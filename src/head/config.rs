@@ -1,7 +1,7 @@
 //! What the head's tick runs: built from the settings, swapped whole.
 
 use super::follow::FollowConfig;
-use super::{commissioning, ends, identify, inch, jump, orbit, steps, supervise, touch, tune};
+use super::{commissioning, ends, identify, inch, jump, orbit, restraint, steps, supervise, touch, tune};
 use crate::encoder::{MarkSpacing, PlausibilityLimits};
 use crate::feed::{Law, Limits};
 use crate::gap::controlled::Controlled;
@@ -208,6 +208,8 @@ pub struct Config {
     pub axis: Axis,
     /// Limits of the supervision.
     pub supervise: supervise::Limits,
+    /// What may push toward the work without counts.
+    pub restraint: restraint::Config,
     /// Commissioning.
     pub commissioning: commissioning::Config,
     /// Identification.
@@ -220,7 +222,7 @@ pub struct Config {
 
 parts!(it: Config {
     setpoint, controlled, transfer, structure, law, single, limits, acceleration, contact, touch, seek, retreat, jump, orbit, inch, step, ends, lift, presliding, axis,
-    supervise, commissioning, identify, tune, commissioned,
+    supervise, restraint, commissioning, identify, tune, commissioned,
 } by
     [it.setpoint, it.structure, it.limits, it.acceleration, it.contact, it.touch],
     [it.law, it.controlled, it.transfer],
@@ -228,7 +230,7 @@ parts!(it: Config {
     [it.seek],
     [it.retreat],
     [it.jump, it.orbit, it.inch, it.step, it.ends],
-    [it.lift, it.presliding],
+    [it.lift, it.presliding, it.restraint],
     [it.axis],
     [it.supervise],
     [it.commissioning, it.identify, it.tune],

@@ -134,6 +134,11 @@ impl Gains {
         self.holding + self.back_emf * wanted.0 + self.velocity.p * (wanted.0 - velocity.0)
     }
 
+    /// Duty under which nothing but its friction holds an axis of this velocity, counts/s: that of the net weight and of the back-EMF.
+    pub fn against(&self, velocity: f32) -> f32 {
+        self.holding + self.back_emf * velocity
+    }
+
     /// Duty that holds the net weight.
     pub fn holding(&self) -> f32 {
         self.holding

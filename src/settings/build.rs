@@ -10,8 +10,8 @@ use crate::gap::pulses::BoundaryConfig;
 use crate::gap::{Sight, pulses, senses, voltage};
 use crate::head::{
     Axis, Breakaway, CommissioningConfig, Config, Contact, EndsConfig, Escape, IdentifyConfig, InchConfig, JumpConfig,
-    JumpRhythm, Lift, OrbitConfig, OrbitShape, Report, Retreat, Seek, SeenBy, Setpoint, StepConfig, Structure,
-    SupervisionLimits, TouchConfig, TuneConfig,
+    JumpRhythm, Lift, OrbitConfig, OrbitShape, Report, RestraintConfig, Retreat, Seek, SeenBy, Setpoint, StepConfig,
+    Structure, SupervisionLimits, TouchConfig, TuneConfig,
 };
 use crate::motion::JerkLimits;
 use crate::servo::{CurrentLimits, GRAVITY, Gains, PidGains, Plant, PreslidingConfig, Tuning};
@@ -542,6 +542,7 @@ impl Settings {
                 second: CountsPerSecond(self.touch_second * 1000.0 * axis.counts_per_um),
                 back: (self.touch_back * axis.counts_per_um) as u32,
             },
+            restraint: RestraintConfig::of(plant, Newtons(self.axis_breakaway), Newtons(self.contact_press)),
             supervise: SupervisionLimits {
                 following: self.following_limit * axis.counts_per_um,
                 following_ms: self.following_ms,

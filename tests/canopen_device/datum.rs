@@ -156,20 +156,23 @@ fn limits_and_travel_stay_where_they_are() {
 fn the_reference_touched_again_tells_the_wear_and_the_depth_of_the_hole() {
     let mut rig = worn();
     touch(&mut rig, 2);
+    let before = rig.highest_peak();
     rig.write(0x2011, 5, &[1]);
     assert_eq!((read(&mut rig, 0x2011, 8), read(&mut rig, 0x2011, 10)), (0, 0));
     erode_to(&mut rig, 150);
     let travel = read(&mut rig, 0x2011, 9);
     assert_eq!(travel, read(&mut rig, 0x2011, 10), "nobody knows of wear yet");
     beside_the_hole(&mut rig, true);
+    let worn = rig.highest_peak() - before;
     touch(&mut rig, 3);
     let truth = rig.machine.process.truth();
     let (wear, depth) = (read(&mut rig, 0x2011, 8), read(&mut rig, 0x2011, 10));
     beside_the_hole(&mut rig, false);
     let removed = removed(&rig);
     assert!(truth.wear_um > 30.0, "what the test is about: {}", truth.wear_um);
-    // The highest peak of the work is met, each time another.
-    assert!((wear as f64 - truth.wear_um).abs() <= 4.0, "{wear} counts of wear for {} um", truth.wear_um);
+    // What is longest of the face meets the highest peak of the work: of 100 drawn runs the wear so felt was 0 to 10 um less than the mean.
+    assert!((wear - worn).abs() <= 1, "{wear} counts of wear, the place of the touch is {worn} um lower");
+    assert!((0.0..=12.0).contains(&(truth.wear_um - wear as f64)), "{wear} counts of wear for {} um", truth.wear_um);
     assert_eq!(depth, travel - wear);
     // The gap that was kept at both ends differs: new peaks grow under the sparks.
     assert!((depth as f64 - removed).abs() <= 15.0, "{depth} counts for {removed} um");

@@ -128,7 +128,7 @@ pub fn with(kind: &Kind, seed: u64, mm: f64, change: impl FnOnce(&mut Settings))
     try_with(kind, seed, mm, change).unwrap_or_else(|| panic!("{} {seed} is not at rest there", kind.name))
 }
 
-/// The same, if its loop can hold it, and take it there.
+/// The same, if it takes the settings, its loop can hold it, and take it there.
 pub fn try_with(kind: &Kind, seed: u64, mm: f64, change: impl FnOnce(&mut Settings)) -> Option<(Machine, Settings)> {
     let setup = Setup::load("default").unwrap();
     let mut random = Random::seed_from_u64(seed);
@@ -161,7 +161,7 @@ pub fn try_with(kind: &Kind, seed: u64, mm: f64, change: impl FnOnce(&mut Settin
         ..setup.head
     };
     change(&mut settings);
-    let mut machine = Machine::new(process, &settings, seed).unwrap();
+    let mut machine = Machine::new(process, &settings, seed).ok()?;
     run(&mut machine, 0.01, |_| false);
     for command in [Command::SetHome(Nanometres(0)), Command::Enable] {
         machine.command(command).unwrap_or_else(|refused| panic!("{}: {command:?}: {refused}", kind.name));

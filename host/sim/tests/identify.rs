@@ -218,10 +218,10 @@ fn what_may_not_begin_is_refused_before_anything_moves() {
     assert!(strong.build().unwrap_err().to_string().contains("identify.current_a"));
 }
 
-/// A gap that is known (docs/robustness.md): a head at rest whose settings are off by up to a quarter. Where its encoder falls silent a count
-/// away from the set point, the loop drives it off, and supervision takes 50 to 240 ms to name that.
+/// A head at rest whose settings are off by up to a quarter, and whose encoder falls silent a count away from the set point: its loop drives it
+/// off, and supervision takes 50 to 240 ms to name that.
 #[test]
-fn an_encoder_that_is_cut_at_rest_strikes_the_work_in_few_cases() {
+fn an_encoder_that_is_cut_at_rest_strikes_no_work() {
     let seeds = if std::env::var_os("EDM_IDENTIFY").is_some() { 8 } else { 2 };
     let (mut cases, mut strikes) = ([0; 2], [Vec::new(), Vec::new()]);
     for (kind, seed) in KINDS.iter().flat_map(|kind| (0..seeds).map(move |seed| (kind, seed))) {
@@ -248,7 +248,6 @@ fn an_encoder_that_is_cut_at_rest_strikes_the_work_in_few_cases() {
             }
         }
     }
-    println!("settings off: {} of {} strike: {:#?}", strikes[0].len(), cases[0], strikes[0]);
-    assert!(strikes[0].len() * 16 <= cases[0], "{} of {}: {:#?}", strikes[0].len(), cases[0], strikes[0]);
-    assert!(strikes[1].is_empty(), "with settings that are true: {:#?}", strikes[1]);
+    println!("{cases:?}");
+    assert!(strikes.iter().all(Vec::is_empty), "settings off, and true: {strikes:#?}");
 }

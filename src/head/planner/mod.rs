@@ -39,6 +39,7 @@ use super::positioning::Task;
 use super::probe::{PROBES, Probe};
 use super::proof::Proof;
 use super::reaction::Reacting;
+use super::restraint::Restraint;
 use super::rhythm::Rhythm;
 use super::route::Route;
 use super::silence::Silence;
@@ -107,6 +108,7 @@ pub struct Planner<P> {
     now: Now,
     watched: Watched,
     silence: Silence,
+    restraint: Restraint,
     /// Ticks since the estimate before.
     ticks: u32,
     /// Position less the count since the start.
@@ -205,6 +207,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             now: Now::default(),
             watched: Watched::default(),
             silence: Silence::default(),
+            restraint: Restraint::default(),
             ticks: 1,
             offset: 0,
             resets: 0,
@@ -396,6 +399,13 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         self.take_in(now);
         let count = now.position.wrapping_sub(now.offset);
         let missing = self.silence.look(&self.config, count, now.duty, now.segment.velocity, self.ticks);
+        let config = (&self.config.restraint, &self.config.axis.gains);
+        if self.is_restrained() {
+            self.restraint.look(config, count, now.velocity, now.duty, self.ticks);
+        } else {
+            self.restraint = Restraint::at(count);
+        }
+        let missing = missing | self.restraint.is_lost(self.config.supervise.breakaway.film);
         // Where a head may meet its stop, standing still says nothing.
         let stops = match self.status.state {
             State::Commissioning => true,

@@ -1,7 +1,7 @@
 //! From the motion that a state wants to the trajectory that the ticks follow.
 
 use super::super::reaction::Motion;
-use super::Planner;
+use super::{Planner, Touching};
 use crate::head::commissioning::Commissioning;
 use crate::head::config::{Config, Structure};
 use crate::head::fault::Fault;
@@ -18,12 +18,17 @@ use core::ops::DerefMut;
 const FAST: f32 = 0.2;
 /// Velocity below which a set point moves by no more than a count between two plans, counts/s.
 const CALM: f32 = (TICK_HZ / CALM_TICKS) as f32;
+/// Counts by which an axis at rest may be off its set point while its loop hunts.
+const NEAR: f32 = 3.0;
+/// Times its friction that begins to move an axis.
+const BEGINS: f32 = 1.3;
 /// Ticks for which a set point may wait for the axis: 1 s, in which 10 N lift a face of 25 mm from a gap of 15 um (Stefan).
 const WAITS: u32 = TICK_HZ;
 
 impl<P: DerefMut<Target = Path>> Planner<P> {
     pub(super) fn trajectory(&mut self, motion: Motion, current: Window) -> Trajectory {
         let allowed = self.full_window().and(current).and(self.pressing());
+        let allowed = Window { high: self.restrained(allowed.high), ..allowed };
         self.status.closed = match motion {
             Motion::Coast => false,
             Motion::Path(..) | Motion::Upward(..) | Motion::Axis(_) | Motion::Jump(..) | Motion::Velocity(_) => true,
@@ -163,6 +168,26 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let nears = axis.gains.nearing(contact.approach, velocity) + friction;
         let high = if slows { smaller(press, nears) } else { press };
         Window { low: -axis.duty_limit, high: larger(high, -axis.duty_limit) }
+    }
+
+    /// Whether the loop holds a set point that stands: not led by the gap, and looking for no end or surface.
+    pub(super) fn is_restrained(&self) -> bool {
+        let holds =
+            matches!(self.status.state, State::Ready | State::Done | State::HoldingPosition | State::Positioning);
+        let stands = self.now.segment.velocity.0 == 0.0 && !self.looks_for_home();
+        holds && stands && self.status.closed && self.jump.is_none() && self.touching == Touching::No
+    }
+
+    /// Largest duty toward the work, of one that would be `high`. Where the set point stands and the axis is hardly off, that is what
+    /// begins to move it, and not what a loop that hunts makes of a count or two.
+    fn restrained(&self, high: f32) -> f32 {
+        if !self.is_restrained() {
+            return high;
+        }
+        let gains = &self.config.axis.gains;
+        let rests = self.status.following.abs() <= NEAR;
+        let begins = gains.holding() + BEGINS * self.config.supervise.breakaway.friction;
+        self.restraint.most(gains, if rests { smaller(high, larger(begins, 0.0)) } else { high })
     }
 
     pub(super) fn full_window(&self) -> Window {

@@ -173,6 +173,7 @@ fn a_circuit_that_is_not_as_it_should_be_is_named_at_power_up_and_nobody_enables
         let mut rig = Rig::new(RATED_SCENE);
         rig.latch.circuit.broken = broken;
         let mut session = Session::booted(&image(), rig, None).unwrap();
+        session.idle(5 * MS).unwrap();
         assert_eq!(session.state().unwrap(), State::Fault as u32, "{broken:?}");
         assert_eq!(session.fault().unwrap(), Some(fault), "{broken:?}");
         assert!(session.enable().is_err(), "{broken:?}");
