@@ -13,7 +13,7 @@
 use super::config::Config;
 use super::fault::{Fault, Reaction};
 use crate::motion::TrajectorySegment;
-use crate::servo::Window;
+use crate::servo::{Plant, Window};
 use crate::units::{CountsPerSecond, Fixed, MicrometresPerSecond, TICK_S, Volts, larger, smaller};
 
 /// What the head is to do until the next plan.
@@ -113,13 +113,17 @@ const STANDS: u32 = ticks(10e-3);
 const TREMBLES: u32 = ticks(1.0);
 /// Times its friction that move any head, if it is a little more than was learnt.
 const FRICTIONS: f32 = 1.33;
-/// Ticks after which the current of a shorted winding is that of its back-EMF alone: a look of the supervision, 1 ms, and four
-/// times L/R.
-const SHOWS: u32 = ticks(2e-3);
+/// Times L/R in which the current of a shorted winding has become that of its back-EMF alone, from any before it.
+const DECAYS: f32 = 6.0;
 /// Velocity upward that a lift does not wait for the bridge to brake, mm/s.
 const RISES: f32 = 20.0;
 /// Time for which the supervision may still speak of what it saw before this reaction.
 const STALE: u32 = ticks(5e-3);
+
+/// Ticks after which the current of a shorted winding shows its back-EMF: a look of the supervision, 1 ms, and what was before has decayed.
+fn shows(plant: &Plant) -> u32 {
+    ticks(1e-3 + DECAYS * plant.inductance_h / plant.resistance_ohm)
+}
 
 const fn ticks(seconds: f32) -> u32 {
     (seconds / TICK_S) as u32
@@ -278,19 +282,20 @@ impl Reacting {
         if self.lifted {
             return afterwards;
         }
-        if self.leaps && self.brakes == Some(0.0) && self.shorted <= SHOWS {
+        let shown = self.shorted > shows(&axis.plant);
+        if self.leaps && self.brakes == Some(0.0) && !shown {
             self.shorted = self.shorted.saturating_add(ticks);
             return 0.0;
         }
         // One that its loop drove up for long, unseen, shows by its back-EMF that it rises.
         let begun = if now.driven.0 > 0.0 { now.driven.0 } else { smaller(now.driven.0, now.unseen.0) };
-        let velocity = if self.shorted > SHOWS { now.generated.0 } else { self.brakes.unwrap_or(begun) };
+        let velocity = if shown { now.generated.0 } else { self.brakes.unwrap_or(begun) };
         if velocity < -RISES * 1e3 * axis.counts_per_um {
             self.shorted = self.shorted.saturating_add(ticks);
             (self.brakes, self.rises) = (Some(velocity), true);
             return 0.0;
         }
-        if self.shorted > SHOWS {
+        if shown {
             // The current that showed the end of a rise may have been on its way from one direction to the other: once that is braked,
             // the winding is looked at again.
             self.leaps = self.rises || velocity > RISES * 1e3 * axis.counts_per_um;

@@ -13,8 +13,10 @@ const PROVES: u64 = 2;
 /// Share of the settings' mass that a head has at the least, and of their friction that it slides on at the least.
 const LIGHT: f32 = 0.75;
 const SMOOTH: f32 = 0.5;
+/// Share of the settings' net weight by which the true one may differ.
+const UNSURE: f32 = 0.25;
 /// Share of what a contact may press that a head may strike with: the rest is for the duty that goes on.
-const STRIKE: f32 = 0.6;
+const STRIKE: f32 = 0.45;
 /// Stiffness of a contact, N/m: 2 N/um (assumed, docs/process-model.md).
 const STIFFNESS: f32 = 2e6;
 /// Pushes taken back that no sound head withstands without a count, be it one that trembles.
@@ -55,7 +57,7 @@ pub(super) struct Restraint {
     holds: bool,
     /// Newest count of all.
     newest: i64,
-    /// Times since then that it was too fast, and sum of the duties beyond what it withstands, duty times ticks.
+    /// Times since then that it was too fast, and sum of the duties beyond the friction of the settings, duty times ticks.
     tries: u8,
     pushed: f32,
 }
@@ -83,17 +85,20 @@ impl Restraint {
             (self.newest, self.tries, self.pushed) = (count, 0, 0.0);
         }
         let ticks = ticks as f32;
-        self.pushed += larger(duty - gains.holding() - config.friction, 0.0) * ticks;
-        let beyond = duty - gains.against(self.velocity) - config.friction;
+        self.pushed += larger(duty - gains.holding() - config.friction / SMOOTH, 0.0) * ticks;
+        let resists = config.friction - unsure(gains);
+        let beyond = duty - gains.against(self.velocity) - if self.holds { resists } else { larger(resists, 0.0) };
         self.velocity = larger(self.velocity + beyond * (ticks * config.gain), 0.0);
         let held = self.holds;
         self.holds = self.velocity > if held { 0.0 } else { config.strikes };
         self.tries = self.tries.saturating_add((self.holds && !held).into());
     }
 
-    /// Largest duty toward the work, of one that would be `high`.
-    pub fn most(&self, gains: &Gains, high: f32) -> f32 {
-        if self.holds { smaller(gains.holding(), high) } else { high }
+    /// Largest duty toward the work, of one that would be `high`. A push is taken back to less than what holds the weight, so that even a head
+    /// of which that is not quite known comes to rest.
+    pub fn most(&self, config: &Config, gains: &Gains, high: f32) -> f32 {
+        let less = larger(unsure(gains) - 0.5 * config.friction, 0.0);
+        if self.holds { smaller(gains.holding() - less, high) } else { high }
     }
 
     /// Whether so many pushes have been taken back without a count that no sound head withstands them, nor a film that needs so much, duty
@@ -101,6 +106,11 @@ impl Restraint {
     pub fn is_lost(&self, film: f32) -> bool {
         self.tries >= TRIES && self.pushed > FILMS * film
     }
+}
+
+/// Duty by which the net weight may differ from that of the settings.
+fn unsure(gains: &Gains) -> f32 {
+    UNSURE * gains.holding().abs()
 }
 
 #[cfg(test)]
@@ -116,7 +126,7 @@ mod tests {
         let mut restraint = Restraint::default();
         let mut look = |(duty, count): &(f32, i64)| {
             restraint.look((config, gains), *count, CountsPerSecond(0.0), gains.holding() + duty, PLAN_TICKS);
-            restraint.most(gains, 1.0) == 1.0
+            restraint.most(config, gains, 1.0) == 1.0
         };
         looks.iter().map(&mut look).collect()
     }
@@ -142,6 +152,8 @@ mod tests {
     #[test]
     fn a_push_within_its_friction_lasts() {
         let head = Settings::default().build().unwrap().head;
-        assert!(!let_through(&[(0.99 * head.restraint.friction, 0); 1000]).contains(&false));
+        assert!(
+            !let_through(&[(0.99 * (head.restraint.friction - unsure(&head.axis.gains)), 0); 1000]).contains(&false)
+        );
     }
 }

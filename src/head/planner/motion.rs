@@ -187,7 +187,11 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let gains = &self.config.axis.gains;
         let rests = self.status.following.abs() <= NEAR;
         let begins = gains.holding() + BEGINS * self.config.supervise.breakaway.friction;
-        self.restraint.most(gains, if rests { smaller(high, larger(begins, 0.0)) } else { high })
+        self.restraint.most(
+            &self.config.restraint,
+            gains,
+            if rests { smaller(high, larger(begins, 0.0)) } else { high },
+        )
     }
 
     pub(super) fn full_window(&self) -> Window {
