@@ -210,7 +210,7 @@ fn a_jump_waits_for_a_head_that_the_film_under_a_large_face_holds() {
 fn a_face_that_no_force_of_the_head_lifts_is_a_following_error_in_time() {
     let stuck = plant(&[("model.radius_um", 50e3), ("model.viscosity_mpas", 20.0)]);
     // Larger than the settings may say, in a thick dielectric.
-    let settings = Settings { contact_press: 1000.0, ..with_face(30.0) };
+    let settings = Settings { contact_press: 20.0, ..with_face(30.0) };
     let mut machine = eroding_with(&settings, stuck, 1);
     machine.command(Command::Jump).unwrap();
     run(&mut machine, 0.9);

@@ -9,7 +9,7 @@
 //! 3. driven back, the head stops where it began: it was at the stop;
 //! 4. two pushes of different duty from rest, over half a millimetre, show the moving mass: what one has more of force than the
 //!    other, over what it has more of acceleration;
-//! 5. with pulses on, the open gap shows its voltage with the right sign;
+//! 5. with pulses on, the open gap shows its voltage with the right sign, and as the settings say;
 //! 6. the whole stroke is driven at a slow velocity, down to the lower stop and back, and measured. Half the sum of the duties
 //!    that this takes is the net weight, whatever the friction is. What it takes to begin to move, less the net weight at the upper
 //!    stop (a cable or spring changes it along the stroke), is friction.
@@ -44,6 +44,8 @@ pub struct Config {
     pub velocity: CountsPerSecond,
     /// Lowest open-circuit voltage.
     pub open_min: Volts,
+    /// Open-circuit voltage of the settings.
+    pub open: Volts,
 }
 
 /// What commissioning found wrong.
@@ -64,6 +66,8 @@ pub enum Finding {
     GapReversed,
     /// The open gap reads too little voltage, or nothing.
     NoOpenCircuit,
+    /// `gap.open_v` is not the voltage that was measured: the scale of the gap voltage is wrong, or the supply another one.
+    OpenCircuit(Contradiction),
     /// The stroke is not what the settings say; the measured one in counts.
     Stroke(i64),
     /// The duty limit leaves too little beyond friction to measure the mass.
@@ -105,6 +109,9 @@ impl fmt::Display for Finding {
             Finding::NotAtUpperStop => f.write_str("the head did not start at its upper stop"),
             Finding::GapReversed => f.write_str("the gap voltage has the wrong sign: change gap.reversed"),
             Finding::NoOpenCircuit => f.write_str("the open gap reads less than gap.open_min_v"),
+            Finding::OpenCircuit(found) => {
+                write!(f, "gap.open_v measures {found}, unless gap.volts_per_code or gap.zero_code is wrong")
+            }
             Finding::Stroke(counts) => write!(f, "the stroke measures {counts} counts, not what axis.stroke_um says"),
             Finding::TooWeak => f.write_str(
                 "commission.duty_limit is hardly more than friction: raise it, or the mass cannot be measured",
@@ -279,6 +286,8 @@ const MASS: f32 = 0.1;
 const SCATTER: f32 = 0.1;
 /// Share of the weight by which the net weight may be measured wrong (assumed).
 const WEIGHT: f32 = 0.05;
+/// Share of the open-circuit voltage measured by which the setting may differ: supply and divider are 15 % off at the most (assumed).
+const SUPPLY: f32 = 0.25;
 /// Standstill that means a stop.
 const STANDSTILL: u32 = ticks(0.2);
 /// Longest stroke at the set velocity, as a multiple of the expected time.
@@ -401,8 +410,12 @@ impl Commissioning {
             Step::Push => self.push(config, plant, moved, duty),
             Step::Gap if self.ticks > SETTLE => {
                 self.report.open = gap.filtered;
+                let open = Weighed { value: gap.filtered.0, uncertainty: SUPPLY * gap.filtered.0 };
                 match gap.quality {
-                    Quality::Valid if gap.filtered >= config.open_min => self.enter(Step::StrokeDown),
+                    Quality::Valid if gap.filtered >= config.open_min => match open.contradicts(config.open.0) {
+                        Some(found) => return Some(Err(Finding::OpenCircuit(found))),
+                        None => self.enter(Step::StrokeDown),
+                    },
                     Quality::Reversed => return Some(Err(Finding::GapReversed)),
                     _ => return Some(Err(Finding::NoOpenCircuit)),
                 }

@@ -6,13 +6,15 @@
 //! and is tried again.
 
 use crate::servo::{Gains, Plant};
-use crate::units::{CountsPerSecond, Newtons, TICK_S, TICKS_PER_MS, larger, smaller};
+use crate::units::{CountsPerSecond, Newtons, TICK_S, TICKS_PER_MS, larger, smaller, within};
 
 /// Net counts that prove a motion: one is a line that trembles.
 const PROVES: u64 = 2;
 /// Share of the settings' mass that a head has at the least, and of their friction that it slides on at the least.
 const LIGHT: f32 = 0.75;
 const SMOOTH: f32 = 0.5;
+/// Times the friction of the settings that begins to move any head.
+pub(super) const BEGINS: f32 = 1.3;
 /// Share of the settings' net weight by which the true one may differ.
 const UNSURE: f32 = 0.25;
 /// Share of what a contact may press that a head may strike with: the rest is for the duty that goes on.
@@ -21,6 +23,8 @@ const STRIKE: f32 = 0.45;
 const STIFFNESS: f32 = 2e6;
 /// Pushes taken back that no sound head withstands without a count, be it one that trembles.
 const TRIES: u8 = 100;
+/// Largest face, um, whose film a force of the loop squeezes out in milliseconds (Stefan: it goes with the fourth power).
+const FACE: f32 = 10e3;
 /// Ticks by which the push that lets a film go three counts is multiplied: 2 ms for each of its.
 const FILMS: f32 = 2.0 * TICKS_PER_MS as f32;
 
@@ -33,24 +37,38 @@ pub struct Config {
     friction: f32,
     /// Velocity with which it would strike, counts/s.
     strikes: f32,
+    /// The film under its face is no matter for seconds.
+    thin: bool,
 }
 
 impl Config {
-    /// For an actuator whose friction is that force, and which may press so hard: v = F / sqrt(k m) of a mass on a spring.
-    pub fn of(plant: &Plant, friction: Newtons, press: Newtons) -> Config {
+    /// For an actuator whose friction is that force, which may press so hard, with a face of that radius, um: v = F / sqrt(k m) of a mass on a spring.
+    pub fn of(plant: &Plant, friction: Newtons, press: Newtons, face: f32) -> Config {
         Config {
+            thin: face <= FACE,
             gain: TICK_S / (LIGHT * plant.accelerating(1.0)),
             friction: SMOOTH * plant.duty(friction),
             strikes: STRIKE * press.0 / libm::sqrtf(STIFFNESS * plant.mass_kg) * plant.counts_per_m,
         }
+    }
+
+    /// Whether the face is so small that no film holds it while it erodes.
+    pub fn is_thin(&self) -> bool {
+        self.thin
+    }
+
+    /// Velocity with which it would strike, counts/s.
+    pub fn strikes(&self) -> f32 {
+        self.strikes
     }
 }
 
 /// The calculated head.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Restraint {
-    /// Newest count that has proved a motion.
+    /// Newest count that has proved a motion, and whether one has since the axis was left alone.
     from: i64,
+    proved: bool,
     /// Velocity of the calculated head toward the work since then, counts/s.
     velocity: f32,
     /// It is too fast, and has not come to rest since.
@@ -60,6 +78,25 @@ pub(super) struct Restraint {
     /// Times since then that it was too fast, and sum of the duties beyond the friction of the settings, duty times ticks.
     tries: u8,
     pushed: f32,
+    /// Velocity at the newest proof, counts/s; sum of the duties since then, duty times ticks, and those ticks.
+    began: f32,
+    given: f32,
+    since: f32,
+    /// Duty that friction took between the two newest proofs.
+    seen: f32,
+}
+
+/// What an axis was measured to do, and is asked to.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Look {
+    pub count: i64,
+    pub velocity: CountsPerSecond,
+    /// Velocity of the set point, counts/s, and whether that stands, led by nothing.
+    pub wanted: f32,
+    pub rests: bool,
+    /// Duty of the ticks since the look before, and those.
+    pub duty: f32,
+    pub ticks: u32,
 }
 
 impl Restraint {
@@ -68,37 +105,61 @@ impl Restraint {
         Restraint { from: count, newest: count, ..Restraint::default() }
     }
 
-    /// So many ticks later, at a count and a velocity that was measured, under a duty.
-    pub fn look(
-        &mut self,
-        (config, gains): (&Config, &Gains),
-        count: i64,
-        velocity: CountsPerSecond,
-        duty: f32,
-        ticks: u32,
-    ) {
-        if count.abs_diff(self.from) >= PROVES {
-            *self = Restraint { velocity: larger(velocity.0, 0.0), ..Restraint::at(count) };
+    /// One more look.
+    #[inline(never)]
+    pub fn look(&mut self, (config, gains): (&Config, &Gains), look: &Look) {
+        let ticks = look.ticks as f32;
+        (self.given, self.since) = (self.given + look.duty * ticks, self.since + ticks);
+        let moved = look.count.wrapping_sub(self.from);
+        if moved.unsigned_abs() >= PROVES {
+            let now = look.velocity.0;
+            let seen = if moved > 0 { self.friction(config, gains, moved, now) } else { config.friction };
+            *self =
+                Restraint { velocity: larger(now, 0.0), began: now, seen, proved: true, ..Restraint::at(look.count) };
             return;
         }
-        if count != self.newest {
-            (self.newest, self.tries, self.pushed) = (count, 0, 0.0);
+        if look.count != self.newest {
+            (self.newest, self.tries, self.pushed) = (look.count, 0, 0.0);
         }
-        let ticks = ticks as f32;
-        self.pushed += larger(duty - gains.holding() - config.friction / SMOOTH, 0.0) * ticks;
-        let resists = config.friction - unsure(gains);
-        let beyond = duty - gains.against(self.velocity) - if self.holds { resists } else { larger(resists, 0.0) };
+        if !look.rests && !self.proved {
+            return;
+        }
+        let push = look.duty - gains.holding();
+        if self.velocity == 0.0 && !self.holds && push <= config.friction - unsure(gains) {
+            return;
+        }
+        self.pushed += larger(push - config.friction / SMOOTH, 0.0) * ticks;
+        // What it took of late says nothing of one that was pushed in vain.
+        let resists = if !look.rests && self.tries == 0 {
+            larger(self.seen, config.friction)
+        } else {
+            config.friction - unsure(gains)
+        };
+        let resists = if self.holds { resists } else { larger(resists, 0.0) };
+        let beyond = look.duty - gains.against(self.velocity) - resists;
         self.velocity = larger(self.velocity + beyond * (ticks * config.gain), 0.0);
         let held = self.holds;
-        self.holds = self.velocity > if held { 0.0 } else { config.strikes };
+        self.holds = self.velocity > if held { 0.0 } else { config.strikes + larger(look.wanted, 0.0) };
         self.tries = self.tries.saturating_add((self.holds && !held).into());
+    }
+
+    /// Duty that friction took on the way down since the newest proof: the mean duty, less what held the weight, the back-EMF and what made the
+    /// axis faster. No less than a smooth head has, and no more than begins to move one.
+    fn friction(&self, config: &Config, gains: &Gains, moved: i64, now: f32) -> f32 {
+        let per_tick = 1.0 / larger(self.since, 1.0);
+        let mean = moved as f32 * (per_tick / TICK_S);
+        let faster = (now - self.began) * per_tick / (LIGHT * config.gain);
+        within(self.given * per_tick - gains.against(mean) - faster, config.friction, BEGINS * config.friction / SMOOTH)
     }
 
     /// Largest duty toward the work, of one that would be `high`. A push is taken back to less than what holds the weight, so that even a head
     /// of which that is not quite known comes to rest.
     pub fn most(&self, config: &Config, gains: &Gains, high: f32) -> f32 {
+        if !self.holds {
+            return high;
+        }
         let less = larger(unsure(gains) - 0.5 * config.friction, 0.0);
-        if self.holds { smaller(gains.holding() - less, high) } else { high }
+        smaller(gains.holding() - less, high)
     }
 
     /// Whether so many pushes have been taken back without a count that no sound head withstands them, nor a film that needs so much, duty
@@ -125,7 +186,12 @@ mod tests {
         let (config, gains) = (&head.restraint, &head.axis.gains);
         let mut restraint = Restraint::default();
         let mut look = |(duty, count): &(f32, i64)| {
-            restraint.look((config, gains), *count, CountsPerSecond(0.0), gains.holding() + duty, PLAN_TICKS);
+            let duty = gains.holding() + duty;
+            let velocity = CountsPerSecond(0.0);
+            restraint.look(
+                (config, gains),
+                &Look { count: *count, velocity, wanted: 0.0, rests: true, duty, ticks: PLAN_TICKS },
+            );
             restraint.most(config, gains, 1.0) == 1.0
         };
         looks.iter().map(&mut look).collect()

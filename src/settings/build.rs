@@ -542,7 +542,7 @@ impl Settings {
                 second: CountsPerSecond(self.touch_second * 1000.0 * axis.counts_per_um),
                 back: (self.touch_back * axis.counts_per_um) as u32,
             },
-            restraint: RestraintConfig::of(plant, Newtons(self.axis_breakaway), Newtons(self.contact_press)),
+            restraint: RestraintConfig::of(plant, Newtons(self.axis_breakaway), Newtons(self.contact_press), self.face),
             supervise: SupervisionLimits {
                 following: self.following_limit * axis.counts_per_um,
                 following_ms: self.following_ms,
@@ -581,6 +581,7 @@ impl Settings {
                 stroke_tolerance: (self.axis_stroke * axis.counts_per_um * self.commission_tolerance * 0.01) as i64,
                 velocity: CountsPerSecond(self.commission_velocity * 1000.0 * axis.counts_per_um),
                 open_min: Volts(self.gap_open_min),
+                open: Volts(self.gap_open),
             },
             identify: self.identify(&axis),
             tune: self.tune(&axis),

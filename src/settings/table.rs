@@ -337,7 +337,7 @@ declare! {
         /// Largest velocity toward the work, pulses off, where the axis has not been since it was enabled.
         0x210D:2 contact_approach: f32 = 5.0, (0.1, 5.0), "contact.approach_mm_s", "mm/s", "docs/bring-up.md: largest contact force", falls "the electrode would hit the work harder";
         /// Largest force toward the work, beyond weight and friction, while a feed law moves the head: more than film and flushing push back with.
-        0x210D:3 contact_press: f32 = 5.0, (0.5, 1000.0), "contact.press_n", "N", "docs/bring-up.md: largest contact force", falls "the electrode would press harder";
+        0x210D:3 contact_press: f32 = 5.0, (0.5, 20.0), "contact.press_n", "N", "docs/bring-up.md: largest contact force", falls "the electrode would press harder";
 
         /// Time of erosion from one jump to the next; 0 jumps on demand only.
         0x210E:1 jump_every_ms: f32 = 0.0, (0.0, 1e6), "jump.every_ms", "ms", "assumed: on demand only", live;

@@ -94,6 +94,28 @@ fn signs_corrected_in_the_settings_pass() {
 }
 
 #[test]
+fn an_open_circuit_that_the_settings_do_not_say_is_named_with_what_it_may_be() {
+    let check_of = |volts: f32| {
+        let mut bench = Bench::with(|settings| {
+            settings.commissioned = false;
+            (settings.gap_open, settings.gap_open_min) = (volts, 65.0);
+        });
+        bench.surface_um = 1e6;
+        bench.run(0.1);
+        bench.command(Command::Commission);
+        bench.run_until(30.0, |bench| bench.state() != State::Commissioning);
+        bench.head.commissioning_result().unwrap()
+    };
+    for volts in [85.0, 115.0] {
+        assert!(check_of(volts).is_ok(), "{volts}");
+    }
+    for volts in [70.0, 150.0] {
+        let found = Contradiction { measured: 100_000, least: 75_000, most: 125_000 };
+        assert_eq!(check_of(volts), Err(Finding::OpenCircuit(found)));
+    }
+}
+
+#[test]
 fn a_dead_encoder_a_dead_generator_and_a_short_stroke_are_named() {
     let (_, result, _) = check(|bench| bench.encoder_dead = true);
     assert_eq!(result, Err(Finding::NoMotion));

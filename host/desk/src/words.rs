@@ -130,6 +130,7 @@ pub fn finding_advice(number: u8, stroke: i64, found: Contradiction) -> String {
         10 => Finding::TooWeak,
         11 => Finding::Mass(found),
         12 => Finding::Counterbalance(found),
+        13 => Finding::OpenCircuit(found),
         _ => return String::new(),
     };
     finding.to_string()

@@ -191,6 +191,7 @@ numbered! {
         Finding::TooWeak => 10 "commission.duty_limit is hardly more than friction",
         Finding::Mass(_) => 11 "mass differs from the setting",
         Finding::Counterbalance(_) => 12 "counterbalance differs from the setting",
+        Finding::OpenCircuit(_) => 13 "open-circuit voltage differs from the setting",
     }
 }
 

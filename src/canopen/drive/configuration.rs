@@ -54,6 +54,7 @@ impl Drive {
             Err(Finding::Counterbalance(found)) => {
                 Some((const { place(Settings::KEYS, "axis.counterbalance_n") }, found))
             }
+            Err(Finding::OpenCircuit(found)) => Some((const { place(Settings::KEYS, "gap.open_v") }, found)),
             _ => None,
         };
         if let Some((field, found)) = contradicted {

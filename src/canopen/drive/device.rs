@@ -15,7 +15,7 @@ pub const DEVICE: Device = Device {
     // Nobody's: no vendor-ID has been given to this project.
     vendor: 0,
     product: 1,
-    revision: 0x0000_0002,
+    revision: 0x0000_0003,
     heartbeat: 0,
     update: edm_hal_shim::seal::LONGEST_UPDATE,
     receive: [

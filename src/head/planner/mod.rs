@@ -39,7 +39,7 @@ use super::positioning::Task;
 use super::probe::{PROBES, Probe};
 use super::proof::Proof;
 use super::reaction::Reacting;
-use super::restraint::Restraint;
+use super::restraint::{Look, Restraint};
 use super::rhythm::Rhythm;
 use super::route::Route;
 use super::silence::Silence;
@@ -109,6 +109,8 @@ pub struct Planner<P> {
     watched: Watched,
     silence: Silence,
     restraint: Restraint,
+    /// It bounds what the axis does.
+    restrained: bool,
     /// Ticks since the estimate before.
     ticks: u32,
     /// Position less the count since the start.
@@ -208,6 +210,7 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
             watched: Watched::default(),
             silence: Silence::default(),
             restraint: Restraint::default(),
+            restrained: false,
             ticks: 1,
             offset: 0,
             resets: 0,
@@ -400,19 +403,16 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         let count = now.position.wrapping_sub(now.offset);
         let missing = self.silence.look(&self.config, count, now.duty, now.segment.velocity, self.ticks);
         let config = (&self.config.restraint, &self.config.axis.gains);
-        if self.is_restrained() {
-            self.restraint.look(config, count, now.velocity, now.duty, self.ticks);
+        self.restrained = self.is_restrained();
+        if self.restrained {
+            let (velocity, wanted) = (now.velocity, now.segment.velocity.0);
+            let rests = wanted == 0.0 && self.status.state != State::Eroding;
+            self.restraint.look(config, &Look { count, velocity, wanted, rests, duty: now.duty, ticks: self.ticks });
         } else {
             self.restraint = Restraint::at(count);
         }
-        let missing = missing | self.restraint.is_lost(self.config.supervise.breakaway.film);
-        // Where a head may meet its stop, standing still says nothing.
-        let stops = match self.status.state {
-            State::Commissioning => true,
-            State::Fault => !self.is_free(),
-            _ => self.looks_for_home(),
-        };
-        if missing && self.status.closed && !stops {
+        let missing = missing || self.restrained && self.restraint.is_lost(self.config.supervise.breakaway.film);
+        if missing && self.status.closed && !self.may_stop() {
             self.raise(Fault::EncoderLost);
         }
         if self.self_test_failed && self.status.state == State::Disabled {
@@ -431,6 +431,15 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         }
         if self.presses() || self.is_run_into() {
             self.raise(Fault::Contact);
+        }
+    }
+
+    /// A head that may meet its stop, whose standing still says nothing.
+    fn may_stop(&self) -> bool {
+        match self.status.state {
+            State::Commissioning => true,
+            State::Fault => !self.is_free(),
+            _ => self.looks_for_home(),
         }
     }
 

@@ -6,6 +6,7 @@ use crate::head::commissioning::Commissioning;
 use crate::head::config::{Config, Structure};
 use crate::head::fault::Fault;
 use crate::head::positioning::Task;
+use crate::head::restraint::BEGINS;
 use crate::head::state::State;
 use crate::head::trajectory::{Follow, Trajectory};
 use crate::motion::TrajectorySegment;
@@ -20,8 +21,6 @@ const FAST: f32 = 0.2;
 const CALM: f32 = (TICK_HZ / CALM_TICKS) as f32;
 /// Counts by which an axis at rest may be off its set point while its loop hunts.
 const NEAR: f32 = 3.0;
-/// Times its friction that begins to move an axis.
-const BEGINS: f32 = 1.3;
 /// Ticks for which a set point may wait for the axis: 1 s, in which 10 N lift a face of 25 mm from a gap of 15 um (Stefan).
 const WAITS: u32 = TICK_HZ;
 
@@ -170,28 +169,36 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
         Window { low: -axis.duty_limit, high: larger(high, -axis.duty_limit) }
     }
 
-    /// Whether the loop holds a set point that stands: not led by the gap, and looking for no end or surface.
+    /// Whether the loop follows a set point that is no faster than a contact may be, and looks for no end or surface. A faster one is left to
+    /// [`Silence`](super::super::silence), and one that no path leads to what leads it.
     pub(super) fn is_restrained(&self) -> bool {
-        let holds =
-            matches!(self.status.state, State::Ready | State::Done | State::HoldingPosition | State::Positioning);
-        let stands = self.now.segment.velocity.0 == 0.0 && !self.looks_for_home();
-        holds && stands && self.status.closed && self.jump.is_none() && self.touching == Touching::No
+        let Config { restraint, structure, .. } = &self.config;
+        let follows = match self.status.state {
+            State::Ready | State::Done | State::HoldingPosition | State::Positioning => true,
+            State::Eroding => *structure == Structure::Path && restraint.is_thin(),
+            _ => false,
+        };
+        follows
+            && self.status.closed
+            && self.now.segment.velocity.0 <= restraint.strikes()
+            && !self.looks_for_home()
+            && self.jump.is_none()
+            && self.touching == Touching::No
     }
 
     /// Largest duty toward the work, of one that would be `high`. Where the set point stands and the axis is hardly off, that is what
     /// begins to move it, and not what a loop that hunts makes of a count or two.
     fn restrained(&self, high: f32) -> f32 {
-        if !self.is_restrained() {
+        if !self.restrained {
             return high;
         }
         let gains = &self.config.axis.gains;
-        let rests = self.status.following.abs() <= NEAR;
+        let high = self.restraint.most(&self.config.restraint, gains, high);
+        if self.now.segment.velocity.0 != 0.0 || self.status.following.abs() > NEAR {
+            return high;
+        }
         let begins = gains.holding() + BEGINS * self.config.supervise.breakaway.friction;
-        self.restraint.most(
-            &self.config.restraint,
-            gains,
-            if rests { smaller(high, larger(begins, 0.0)) } else { high },
-        )
+        smaller(high, larger(begins, 0.0))
     }
 
     pub(super) fn full_window(&self) -> Window {
