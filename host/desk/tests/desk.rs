@@ -1801,7 +1801,7 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
     let eds = include_str!("../../../docs/edm-servo-head.eds");
     let cut = put("cut.eds", "[DeviceInfo]\nVendorNumber=0x0\n");
     let other = put("other.eds", &eds.replace("ProductNumber=0x1", "ProductNumber=0x7"));
-    let newer = put("newer.eds", &eds.replace("RevisionNumber=0x2", "RevisionNumber=0x3"));
+    let newer = put("newer.eds", &eds.replace("RevisionNumber=0x3", "RevisionNumber=0x4"));
     let whole = folder.path().join("whole.toml");
     let whole = whole.to_str().unwrap();
     assert_eq!(run(&connection, &["settings", "export", whole]).0, Some(0));
@@ -1819,7 +1819,7 @@ fn what_cannot_be_is_refused_in_one_line_and_nothing_is_written() {
         (&["--eds", &other, "reset"], "node 1: another device (vendor 0h, product 1h)"),
         (
             &["--eds", &newer, "bore", "--depth", "0.1"],
-            "its objects are revision 2, the description file is of revision 3",
+            "its objects are revision 3, the description file is of revision 4",
         ),
         (&["--node", "9", "reset"], "node 9: not a servo drive (device profile 401)"),
         (&["--node", "5", "watch"], "node 5: no answer at socket://"),
