@@ -1,9 +1,9 @@
-//! How hard a loop at rest may push toward the work before its encoder has counted: the bound that holds whatever the encoder says.
+//! How hard a loop may push toward the work before its encoder has counted: the bound that holds whatever the encoder says.
 //!
 //! Beside the head a lighter and smoother one is calculated, which moves under the duties given since the newest two net counts. An
 //! encoder that has died, or trembles by a count, lets it go on; a sound one brings it back to the velocity that is measured. The duty
 //! toward the work ends where the calculated head is so fast that it would strike the work; it is taken back until that head rests,
-//! and is tried again.
+//! and is tried again. What the calculated head withstands in which state: docs/decisions.md, *Bound before detection*.
 
 use crate::servo::{Gains, Plant};
 use crate::units::{CountsPerSecond, Newtons, TICK_S, TICKS_PER_MS, larger, smaller, within};
@@ -37,7 +37,7 @@ pub struct Config {
     friction: f32,
     /// Velocity with which it would strike, counts/s.
     strikes: f32,
-    /// The film under its face is no matter for seconds.
+    /// The face is so small that no film holds it while it erodes.
     thin: bool,
 }
 

@@ -109,7 +109,7 @@ pub struct Planner<P> {
     watched: Watched,
     silence: Silence,
     restraint: Restraint,
-    /// It bounds what the axis does.
+    /// The calculated head bounds the duty of this plan.
     restrained: bool,
     /// Ticks since the estimate before.
     ticks: u32,
