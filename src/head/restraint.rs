@@ -23,19 +23,19 @@ const STRIKE: f32 = 0.45;
 const STIFFNESS: f32 = 2e6;
 /// Pushes taken back that no sound head withstands without a count, be it one that trembles.
 const TRIES: u8 = 100;
-/// Largest face, um, whose film a force of the loop squeezes out in milliseconds (Stefan: it goes with the fourth power).
+/// Largest radius of a face, um, whose film a force of the loop squeezes out in milliseconds (Stefan: it goes with the fourth power).
 const FACE: f32 = 10e3;
-/// Ticks by which the push that lets a film go three counts is multiplied: 2 ms for each of its.
+/// Ticks by which the push that lets a film go three counts, duty times ms, is multiplied: 2 ms for each ms of that push.
 const FILMS: f32 = 2.0 * TICKS_PER_MS as f32;
 
 /// The head that is reckoned with, and what it may do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
-    /// Counts/s that a duty of one gives it in a tick.
+    /// Velocity that a duty of one gives the calculated head in a tick, counts/s.
     gain: f32,
-    /// Duty that it withstands while it slides.
+    /// Duty that the calculated head withstands while it slides, 0 to 1.
     friction: f32,
-    /// Velocity with which it would strike, counts/s.
+    /// Velocity with which the calculated head would strike, counts/s.
     strikes: f32,
     /// The face is so small that no film holds it while it erodes.
     thin: bool,
@@ -57,7 +57,7 @@ impl Config {
         self.thin
     }
 
-    /// Velocity with which it would strike, counts/s.
+    /// Velocity with which the calculated head would strike, counts/s.
     pub fn strikes(&self) -> f32 {
         self.strikes
     }
@@ -71,11 +71,11 @@ pub(super) struct Restraint {
     proved: bool,
     /// Velocity of the calculated head toward the work since then, counts/s.
     velocity: f32,
-    /// It is too fast, and has not come to rest since.
+    /// The calculated head was fast enough to strike, and has not come to rest since.
     holds: bool,
     /// Newest count of all.
     newest: i64,
-    /// Times since then that it was too fast, and sum of the duties beyond the friction of the settings, duty times ticks.
+    /// Pushes taken back since the newest count, and sum of the duties beyond the friction of the settings since then, duty times ticks.
     tries: u8,
     pushed: f32,
     /// Velocity at the newest proof, counts/s; sum of the duties since then, duty times ticks, and those ticks.
@@ -105,7 +105,7 @@ impl Restraint {
         Restraint { from: count, newest: count, ..Restraint::default() }
     }
 
-    /// One more look.
+    /// Takes in what an axis did since the look before.
     #[inline(never)]
     pub fn look(&mut self, (config, gains): (&Config, &Gains), look: &Look) {
         let ticks = look.ticks as f32;

@@ -113,22 +113,32 @@ pub const KINDS: [Kind; 5] = [
 /// A head at rest 6 mm below its home and 3 mm above the work, whose settings are off by up to a quarter.
 ///
 /// # Panics
-/// When it does not come to rest there; the same below.
+/// When the head does not come to rest there.
 pub fn ready(kind: &Kind, seed: u64) -> (Machine, Settings) {
     above(kind, seed, 3.0)
 }
 
-/// The same, so many mm above the work.
+/// A head at rest 6 mm below its home and so many mm above the work, whose settings are off by up to a quarter.
+///
+/// # Panics
+/// When the head does not come to rest there.
 pub fn above(kind: &Kind, seed: u64, mm: f64) -> (Machine, Settings) {
     with(kind, seed, mm, |_| {})
 }
 
-/// The same, with other settings.
+/// A head at rest 6 mm below its home and so many mm above the work, with settings that were changed after they were drawn.
+///
+/// # Panics
+/// When the head does not come to rest there.
 pub fn with(kind: &Kind, seed: u64, mm: f64, change: impl FnOnce(&mut Settings)) -> (Machine, Settings) {
     try_with(kind, seed, mm, change).unwrap_or_else(|| panic!("{} {seed} is not at rest there", kind.name))
 }
 
-/// The same, if it takes the settings, its loop can hold it, and take it there.
+/// A head at rest 6 mm below its home and so many mm above the work, with settings that were changed after they were drawn; `None` where the settings
+/// do not fit together, or the loop cannot take the head there.
+///
+/// # Panics
+/// When the head refuses to be enabled.
 pub fn try_with(kind: &Kind, seed: u64, mm: f64, change: impl FnOnce(&mut Settings)) -> Option<(Machine, Settings)> {
     let setup = Setup::load("default").unwrap();
     let mut random = Random::seed_from_u64(seed);

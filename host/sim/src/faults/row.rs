@@ -254,6 +254,20 @@ mod tests {
     }
 
     #[test]
+    fn a_long_campaign_shows_the_hardest_rows_and_all_that_fail() {
+        let pressed =
+            |n: usize, pass| Row { contact_n: n as f64, ..row(&format!("wire {n}."), Some("gate missing"), pass) };
+        let shown = |failing: std::ops::Range<usize>| -> Vec<usize> {
+            let section = Campaign::new((0..30).map(|n| pressed(n, !failing.contains(&n))).collect()).section();
+            let rows = section.lines().filter_map(|line| line.strip_prefix("| wire "));
+            rows.map(|row| row.split('.').next().unwrap().parse().unwrap()).collect()
+        };
+        assert_eq!(shown(0..0), (20..30).rev().collect::<Vec<_>>());
+        assert_eq!(shown(3..4)[..3], [3, 29, 28], "what fails comes first");
+        assert_eq!(shown(0..15), (0..15).rev().collect::<Vec<_>>(), "no failure is cut off");
+    }
+
+    #[test]
     fn the_table_has_a_line_for_every_row() {
         let section = campaign(2, 1, 1).section();
         assert_eq!(section.lines().filter(|line| line.starts_with("| a wire")).count(), 4, "{section}");
