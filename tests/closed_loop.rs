@@ -6,7 +6,7 @@ use edm_servo_head::settings::{Declared as _, Settings, Value};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
 use edm_sim::bore::{self, Setup};
 use edm_sim::machine::Machine;
-use edm_sim::process::{FaultInputs, Plant};
+use edm_sim::process::{Cable, FaultInputs, Plant};
 use edm_sim::run::{Job, Observer, Outcome, Sample};
 
 struct Nobody;
@@ -116,7 +116,7 @@ fn an_encoder_that_dies_while_eroding_is_named_before_the_electrode_presses_into
     for friction in [0.05, 0.3, 1.0] {
         let mut deepest = (0.0, 0);
         for (seed, mut machine) in eroding_against(friction) {
-            machine.process.fault_inputs.encoder_dead = true;
+            machine.process.fault_inputs.encoder = Cable::CUT;
             for _ in 0..2 * TICK_HZ {
                 machine.tick();
                 let deep = -machine.process.truth().gap_um;
@@ -245,7 +245,7 @@ fn a_position_is_reached_by_a_head_that_the_film_under_a_large_face_holds() {
 fn an_encoder_that_dies_under_a_large_face_is_named_before_the_electrode_reaches_the_work() {
     for (radius, seed) in [(5.0, 1), (10.0, 2), (15.0, 3), (25.0, 4)] {
         let mut machine = eroding_with_face(radius, seed);
-        machine.process.fault_inputs.encoder_dead = true;
+        machine.process.fault_inputs.encoder = Cable::CUT;
         for _ in 0..4 * TICK_HZ {
             machine.tick();
             let gap = machine.process.truth().gap_um;
@@ -322,7 +322,7 @@ fn an_encoder_that_dies_while_the_head_holds_its_place_does_not_let_it_press_int
     for friction in [0.05, 0.3, 1.0] {
         for (seed, mut machine) in holding(friction, &[]) {
             let from = machine.process.truth().position_um;
-            machine.process.fault_inputs.encoder_dead = true;
+            machine.process.fault_inputs.encoder = Cable::CUT;
             for _ in 0..20 * TICK_HZ {
                 machine.tick();
                 let truth = machine.process.truth();
@@ -381,7 +381,7 @@ fn an_emergency_stop_lifts_a_stiff_head_and_names_an_encoder_that_has_not_seen_i
             let (named, risen) = stopped(friction, seed, FaultInputs::default());
             assert_eq!(named, [Fault::EmergencyStop], "{friction} N, seed {seed}");
             assert!(risen > 500.0, "{friction} N, seed {seed}: {risen} um");
-            let dead = FaultInputs { encoder_dead: true, ..FaultInputs::default() };
+            let dead = FaultInputs { encoder: Cable::CUT, ..FaultInputs::default() };
             let (named, _) = stopped(friction, seed, dead);
             assert!(named.contains(&Fault::EncoderLost), "{friction} N, seed {seed}: {named:?}");
         }
@@ -438,7 +438,7 @@ fn an_encoder_that_dies_in_a_fast_motion_does_not_let_the_head_run_into_the_work
         let mut worst = (0.0, 0, 0.0);
         for ms in (0..300).step_by(3) {
             let Some((mut machine, velocity)) = under_way(&settings, command, state, ms) else { break };
-            machine.process.fault_inputs.encoder_dead = true;
+            machine.process.fault_inputs.encoder = Cable::CUT;
             for _ in 0..TICK_HZ {
                 machine.tick();
                 let newtons = machine.process.truth().contact_n;

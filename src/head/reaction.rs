@@ -93,6 +93,8 @@ pub(super) struct Reacting {
     rises: bool,
     leaps: bool,
     lifted: bool,
+    /// A lift was seen to lift.
+    risen: bool,
     /// Position in the beginning, or, while holding, lately; ticks for which it has been the same then, and whether the head has
     /// once come to rest.
     position: i64,
@@ -117,6 +119,8 @@ const FRICTIONS: f32 = 1.33;
 const DECAYS: f32 = 6.0;
 /// Velocity upward that a lift does not wait for the bridge to brake, mm/s.
 const RISES: f32 = 20.0;
+/// Way upward, um, by which a lift is seen to go the right way: more than a head coasts whose motor is wired the wrong way.
+const LIFTED: f32 = 100.0;
 /// Time for which the supervision may still speak of what it saw before this reaction.
 const STALE: u32 = ticks(5e-3);
 
@@ -143,6 +147,7 @@ impl Reacting {
             rises: false,
             leaps: false,
             lifted: false,
+            risen: false,
             position: situation.position,
             still: 0,
             rests: false,
@@ -175,8 +180,8 @@ impl Reacting {
     pub fn escalates(&self, fault: Fault) -> Option<Reaction> {
         let lifts = matches!(self.reaction, Reaction::OpenLoopLift | Reaction::LiftOnStored | Reaction::EmergencyLift);
         match fault {
-            // The lift itself goes the wrong way, unless that was seen before it.
-            Fault::PolarityWrong if lifts && self.ticks <= STALE => None,
+            // The lift itself goes the wrong way, unless that was seen before it, or the head has been lifted and bounces off its stop.
+            Fault::PolarityWrong if lifts && (self.ticks <= STALE || self.risen) => None,
             _ if fault.reaction() > self.reaction => Some(fault.reaction()),
             _ => None,
         }
@@ -278,19 +283,26 @@ impl Reacting {
     /// bridge alone, for no duty may drive toward the work; if it leaps off its stop meanwhile, the winding shows that.
     fn lift(&mut self, config: &Config, now: &Situation, afterwards: f32, ticks: u32) -> f32 {
         let (lift, axis) = (&config.lift, &config.axis);
+        let lifted = self.position.saturating_sub(now.position) as f32;
+        self.risen |= lifted > LIFTED * axis.counts_per_um;
         self.lifted |= self.ticks > lift.ticks || now.upper_limit || now.current_reduced;
         if self.lifted {
             return afterwards;
+        }
+        // One that its loop drove up for long, unseen, shows by its back-EMF that it rises.
+        let begun = if now.driven.0 > 0.0 { now.driven.0 } else { smaller(now.driven.0, now.unseen.0) };
+        let fast = RISES * 1e3 * axis.counts_per_um;
+        if self.brakes.is_none() && self.fault == Fault::EncoderLost && begun <= 0.0 && now.duty < lift.duty {
+            // Its loop drove it up harder than a lift does, nobody knows for how long: the winding is asked first.
+            (self.brakes, self.leaps) = (Some(0.0), true);
         }
         let shown = self.shorted > shows(&axis.plant);
         if self.leaps && self.brakes == Some(0.0) && !shown {
             self.shorted = self.shorted.saturating_add(ticks);
             return 0.0;
         }
-        // One that its loop drove up for long, unseen, shows by its back-EMF that it rises.
-        let begun = if now.driven.0 > 0.0 { now.driven.0 } else { smaller(now.driven.0, now.unseen.0) };
         let velocity = if shown { now.generated.0 } else { self.brakes.unwrap_or(begun) };
-        if velocity < -RISES * 1e3 * axis.counts_per_um {
+        if velocity < -fast {
             self.shorted = self.shorted.saturating_add(ticks);
             (self.brakes, self.rises) = (Some(velocity), true);
             return 0.0;
@@ -298,7 +310,7 @@ impl Reacting {
         if shown {
             // The current that showed the end of a rise may have been on its way from one direction to the other: once that is braked,
             // the winding is looked at again.
-            self.leaps = self.rises || velocity > RISES * 1e3 * axis.counts_per_um;
+            self.leaps = self.rises || velocity > fast;
             (self.shorted, self.rises) = (0, false);
         }
         let time = ticks.max(1) as f32 * TICK_S;

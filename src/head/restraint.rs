@@ -8,8 +8,14 @@
 use crate::servo::{Gains, Plant};
 use crate::units::{CountsPerSecond, Newtons, TICK_S, TICKS_PER_MS, larger, smaller, within};
 
-/// Net counts that prove a motion: one is a line that trembles.
+/// Net counts that prove a motion of an encoder that does not tremble; each further turn of late asks for one more.
 const PROVES: u64 = 2;
+/// Turns of late beyond which an encoder trembles.
+const TREMBLES: u32 = 3;
+/// Turns that are remembered at the most: a sound loop that hunts over an edge for long proves its next motion all the same.
+const TURNS: u32 = 20;
+/// Ticks in which a turn is forgotten, 2 ms: a loop that hunts over an edge turns less often than that, a line that changes at random more often.
+const TURN: u32 = 2 * TICKS_PER_MS;
 /// Share of the settings' mass that a head has at the least, and of their friction that it slides on at the least.
 const LIGHT: f32 = 0.75;
 const SMOOTH: f32 = 0.5;
@@ -66,23 +72,27 @@ impl Config {
 /// The calculated head.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Restraint {
-    /// Newest count that has proved a motion, and whether one has since the axis was left alone.
+    /// Newest count that has proved a motion, and whether one has, or the axis was to rest, since it was left alone.
     from: i64,
     proved: bool,
     /// Velocity of the calculated head toward the work since then, counts/s.
     velocity: f32,
     /// The calculated head was fast enough to strike, and has not come to rest since.
     holds: bool,
-    /// Newest count of all.
+    /// Newest count of all, and whether it came downward (1) or upward (-1).
     newest: i64,
+    heading: i64,
+    /// Turns that are not forgotten, by which more counts are asked for, and the ticks since the newest proof until which they were.
+    turns: u32,
+    forgot: u32,
     /// Pushes taken back since the newest count, and sum of the duties beyond the friction of the settings since then, duty times ticks.
     tries: u8,
     pushed: f32,
     /// Velocity at the newest proof, counts/s; sum of the duties since then, duty times ticks, and those ticks.
     began: f32,
     given: f32,
-    since: f32,
-    /// Duty that friction took between the two newest proofs.
+    since: u32,
+    /// Duty that friction took on the way down between the two newest proofs.
     seen: f32,
 }
 
@@ -109,31 +119,36 @@ impl Restraint {
     #[inline(never)]
     pub fn look(&mut self, (config, gains): (&Config, &Gains), look: &Look) {
         let ticks = look.ticks as f32;
-        (self.given, self.since) = (self.given + look.duty * ticks, self.since + ticks);
+        (self.given, self.since) = (self.given + look.duty * ticks, self.since.saturating_add(look.ticks));
         let moved = look.count.wrapping_sub(self.from);
-        if moved.unsigned_abs() >= PROVES {
-            let now = look.velocity.0;
-            let seen = if moved > 0 { self.friction(config, gains, moved, now) } else { config.friction };
-            *self =
-                Restraint { velocity: larger(now, 0.0), began: now, seen, proved: true, ..Restraint::at(look.count) };
-            return;
-        }
-        if look.count != self.newest {
+        let counts = look.count != self.newest;
+        if counts {
+            self.turn(look.count.wrapping_sub(self.newest).signum());
             (self.newest, self.tries, self.pushed) = (look.count, 0, 0.0);
         }
-        if !look.rests && !self.proved {
+        if counts && moved.unsigned_abs() >= PROVES + u64::from(self.turns.saturating_sub(TREMBLES)) {
+            let now = look.velocity.0;
+            let seen = if moved > 0 { self.friction(config, gains, moved, now) } else { config.friction };
+            let (heading, turns, velocity) = (self.heading, self.turns / 2, larger(now, 0.0));
+            let rest = Restraint::at(look.count);
+            *self = Restraint { proved: true, velocity, began: now, seen, heading, turns, ..rest };
+            return;
+        }
+        self.proved |= look.rests;
+        if !self.proved {
             return;
         }
         let push = look.duty - gains.holding();
-        if self.velocity == 0.0 && !self.holds && push <= config.friction - unsure(gains) {
+        let smooth = config.friction - unsure(gains);
+        if self.velocity == 0.0 && !self.holds && push <= smooth {
             return;
         }
         self.pushed += larger(push - config.friction / SMOOTH, 0.0) * ticks;
-        // What it took of late says nothing of one that was pushed in vain.
-        let resists = if !look.rests && self.tries == 0 {
+        // What it took of late says nothing of one that was pushed in vain, or trembles.
+        let resists = if !look.rests && self.tries == 0 && self.turns <= TREMBLES {
             larger(self.seen, config.friction)
         } else {
-            config.friction - unsure(gains)
+            smooth
         };
         let resists = if self.holds { resists } else { larger(resists, 0.0) };
         let beyond = look.duty - gains.against(self.velocity) - resists;
@@ -143,10 +158,19 @@ impl Restraint {
         self.tries = self.tries.saturating_add((self.holds && !held).into());
     }
 
+    /// Takes in that the newest count came downward (1) or upward (-1).
+    fn turn(&mut self, heading: i64) {
+        let forgotten = self.since.saturating_sub(self.forgot) / TURN;
+        self.forgot = self.forgot.saturating_add(forgotten.saturating_mul(TURN));
+        let turns = self.turns.saturating_sub(forgotten) + u32::from(heading * self.heading < 0);
+        self.turns = turns.min(TURNS);
+        self.heading = heading;
+    }
+
     /// Duty that friction took on the way down since the newest proof: the mean duty, less what held the weight, the back-EMF and what made the
     /// axis faster. No less than a smooth head has, and no more than begins to move one.
     fn friction(&self, config: &Config, gains: &Gains, moved: i64, now: f32) -> f32 {
-        let per_tick = 1.0 / larger(self.since, 1.0);
+        let per_tick = 1.0 / self.since.max(1) as f32;
         let mean = moved as f32 * (per_tick / TICK_S);
         let faster = (now - self.began) * per_tick / (LIGHT * config.gain);
         within(self.given * per_tick - gains.against(mean) - faster, config.friction, BEGINS * config.friction / SMOOTH)

@@ -2,6 +2,7 @@
 
 use crate::rig::Rig;
 use edm_servo_head::head::{Fault, State};
+use edm_sim::process::Cable;
 
 #[test]
 fn a_master_enables_step_by_step_and_each_step_shows() {
@@ -394,7 +395,7 @@ fn an_ordinary_master_enables_a_head_whose_encoder_has_to_prove_itself() {
     for dead in [false, true, false] {
         rig.machine.raise(Fault::EncoderLost);
         rig.until(1500, |rig| rig.status() & 0x4F == 0x08);
-        rig.machine.process.fault_inputs.encoder_dead = dead;
+        rig.machine.process.fault_inputs.encoder = if dead { Cable::CUT } else { Cable::default() };
         rig.control(0x00);
         rig.control(0x80);
         rig.until(5, |rig| rig.status() & 0x4F == 0x40);
@@ -406,7 +407,7 @@ fn an_ordinary_master_enables_a_head_whose_encoder_has_to_prove_itself() {
             rig.until(100, |rig| matches!(rig.status() & 0x4F, 0x0F | 0x08));
             assert_eq!(rig.machine.status().fault, Some(Fault::EncoderLost));
             rig.until(1500, |rig| rig.status() & 0x4F == 0x08);
-            rig.machine.process.fault_inputs.encoder_dead = false;
+            rig.machine.process.fault_inputs.encoder = Cable::default();
             rig.control(0x00);
             rig.control(0x80);
             rig.until(5, |rig| rig.status() & 0x4F == 0x40);

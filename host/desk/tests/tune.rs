@@ -71,7 +71,7 @@ fn measured(machine: &mut Machine, settings: &Settings, gains: Gains) -> Result<
 /// One start: whether it counts, and the true margins of before, and of the proposal.
 fn proposed(kind: &Kind, seed: u64, gains: Gains) -> Result<(Margins, Margins, Response), String> {
     let before = |settings: &Settings| true_margins(kind, settings, &gains);
-    let Some((mut machine, settings)) = try_with(kind, seed, 3.0, |settings| set(settings, &gains)) else {
+    let Some((mut machine, settings)) = try_with(kind, seed, 3.0, |settings, _| set(settings, &gains)) else {
         return Err("the head does not get there".into());
     };
     let Some(was) = before(&settings).filter(|was| was.phase_deg > 0.0 && was.gain_db > 0.0) else {

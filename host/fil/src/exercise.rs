@@ -10,7 +10,7 @@ use edm_servo_head::head::{Command, Fault, State};
 use edm_servo_head::settings::Settings;
 use edm_servo_head::units::{Nanometres, TICK_HZ};
 use edm_sim::machine::Rig as _;
-use edm_sim::process::FaultInputs;
+use edm_sim::process::{Cable, FaultInputs};
 use edm_sim::run::Setup;
 
 /// What breaks, and the fault that the head must report.
@@ -169,7 +169,7 @@ impl Day {
             Fault::GateMissing => FaultInputs { generator_dead: true, ..FaultInputs::default() },
             Fault::GapSignalInvalid => FaultInputs { stuck_code: Some(4095), ..FaultInputs::default() },
             Fault::BusSag => FaultInputs { bus_v: Some(30.0), ..FaultInputs::default() },
-            Fault::EncoderLost => FaultInputs { encoder_dead: true, ..FaultInputs::default() },
+            Fault::EncoderLost => FaultInputs { encoder: Cable::CUT, ..FaultInputs::default() },
             Fault::DielectricNotOk => contact(SafetyInputs { dielectric: true, ..open }),
             Fault::LowerLimit => contact(SafetyInputs { lower_limit: true, ..open }),
             Fault::BridgeFault => contact(SafetyInputs { bridge_fault: true, ..open }),

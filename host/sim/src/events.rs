@@ -54,6 +54,29 @@ declare! {
     }
 }
 
+/// What is wrong with the cable of the encoder.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Cable {
+    /// Receiver A keeps the level that it had.
+    pub a_cut: bool,
+    /// Receiver B keeps the level that it had.
+    pub b_cut: bool,
+    /// A contact of both opens and closes at random.
+    pub loose: bool,
+    /// Receiver A changes at random, whatever the line does.
+    pub trembles: bool,
+}
+
+impl Cable {
+    /// Both lines are cut.
+    pub const CUT: Cable = Cable { a_cut: true, b_cut: true, loose: false, trembles: false };
+
+    /// Nothing is wrong with it.
+    pub(crate) fn is_sound(&self) -> bool {
+        *self == Cable::default()
+    }
+}
+
 /// State of wires and contacts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FaultInputs {
@@ -63,8 +86,8 @@ pub struct FaultInputs {
     pub bus_v: Option<f64>,
     /// Converter code whatever the gap does.
     pub stuck_code: Option<u16>,
-    /// The encoder lines stand still.
-    pub encoder_dead: bool,
+    /// Cable of the encoder.
+    pub encoder: Cable,
     /// The generator makes no pulses.
     pub generator_dead: bool,
     /// The wire of the gate signal is broken; pulses continue.
@@ -192,7 +215,6 @@ impl Wires {
             (self.emergency_stop, to.emergency_stop, &mut safety.emergency_stop),
             (self.dielectric, to.dielectric, &mut safety.dielectric),
             (self.bridge_fault, to.bridge_fault, &mut safety.bridge_fault),
-            (self.encoder, to.encoder, &mut fault_inputs.encoder_dead),
             (self.short, to.short, &mut fault_inputs.short),
             (self.generator, to.generator, &mut fault_inputs.generator_dead),
             (self.gate, to.gate, &mut fault_inputs.gate_lost),
@@ -204,6 +226,9 @@ impl Wires {
             if was != is {
                 *wire = is;
             }
+        }
+        if self.encoder != to.encoder {
+            fault_inputs.encoder = if to.encoder { Cable::CUT } else { Cable::default() };
         }
         if self.hand != to.hand {
             fault_inputs.hand_n = to.hand.into();

@@ -3,6 +3,7 @@
 
 use crate::bore::Setup;
 use crate::machine::Machine;
+use crate::process::Plant;
 use edm_servo_head::head::{Command, MotionLimits, State};
 use edm_servo_head::settings::{Declared, Settings, Value};
 use edm_servo_head::units::{MicrometresPerSecond, MicrometresPerSecond2, Nanometres, TICK_HZ};
@@ -131,15 +132,21 @@ pub fn above(kind: &Kind, seed: u64, mm: f64) -> (Machine, Settings) {
 /// # Panics
 /// When the head does not come to rest there.
 pub fn with(kind: &Kind, seed: u64, mm: f64, change: impl FnOnce(&mut Settings)) -> (Machine, Settings) {
-    try_with(kind, seed, mm, change).unwrap_or_else(|| panic!("{} {seed} is not at rest there", kind.name))
+    try_with(kind, seed, mm, |settings, _| change(settings))
+        .unwrap_or_else(|| panic!("{} {seed} is not at rest there", kind.name))
 }
 
-/// A head at rest 6 mm below its home and so many mm above the work, with settings that were changed after they were drawn; `None` where the settings
-/// do not fit together, or the loop cannot take the head there.
+/// A head at rest 6 mm below its home and so many mm above the work, with settings and a plant that were changed after they were drawn; `None` where
+/// the settings do not fit together, or the loop cannot take the head there.
 ///
 /// # Panics
 /// When the head refuses to be enabled.
-pub fn try_with(kind: &Kind, seed: u64, mm: f64, change: impl FnOnce(&mut Settings)) -> Option<(Machine, Settings)> {
+pub fn try_with(
+    kind: &Kind,
+    seed: u64,
+    mm: f64,
+    change: impl FnOnce(&mut Settings, &mut Plant),
+) -> Option<(Machine, Settings)> {
     let setup = Setup::load("default").unwrap();
     let mut random = Random::seed_from_u64(seed);
     let mut process = setup.process;
@@ -170,7 +177,7 @@ pub fn try_with(kind: &Kind, seed: u64, mm: f64, change: impl FnOnce(&mut Settin
         encoder_count: kind.count_um as f32,
         ..setup.head
     };
-    change(&mut settings);
+    change(&mut settings, &mut process);
     let mut machine = Machine::new(process, &settings, seed).ok()?;
     run(&mut machine, 0.01, |_| false);
     for command in [Command::SetHome(Nanometres(0)), Command::Enable] {

@@ -45,7 +45,9 @@ impl<P: DerefMut<Target = Path>> Planner<P> {
                 let wanted = self.governed(wanted);
                 let trajectory = self.route.along(wanted, &self.bounds(), window.and(allowed));
                 self.status.setpoint = self.route.setpoint();
-                trajectory
+                // Whatever the encoder says, a retreat that leads upward does not press.
+                let upward = self.status.state == State::Retreating && trajectory.velocity.0 < 0.0;
+                Trajectory { upward, ..trajectory }
             }
             Motion::Upward(wanted, window) => {
                 let trajectory = self.route.along(wanted, &self.bounds(), window.and(allowed));

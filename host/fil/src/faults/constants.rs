@@ -11,6 +11,7 @@ use edm_servo_head::canopen::drive::FINDINGS;
 use edm_servo_head::head::{Command, State};
 use edm_servo_head::settings::{Declared, Settings};
 use edm_sim::faults::sets;
+use edm_sim::process::Cable;
 
 const MASS: Expect = Expect::Named(&["2001h:4 mass differs from the setting"], ON);
 const COUNTERBALANCE: Expect = Expect::Named(&["2001h:4 counterbalance differs from the setting"], ON);
@@ -73,7 +74,7 @@ fn through_the_check(stage: &mut Stage, settings: &Settings) -> Result<()> {
     if found == 1 {
         stage.erode()?;
         stage.mark();
-        stage.wires().encoder_dead = true;
+        stage.wires().encoder = Cable::CUT;
         return Ok(());
     }
     let known = FINDINGS.iter().find(|(number, _)| u32::from(*number) == found);

@@ -12,7 +12,7 @@ use anyhow::Result;
 use edm_hal_shim::double::live::Broken;
 use edm_hal_shim::safety::SafetyInputs;
 use edm_servo_head::head::Command;
-use edm_sim::process::FaultInputs;
+use edm_sim::process::{Cable, FaultInputs};
 
 use Expect::{Harmless, Named};
 use Scene::{Disabled, Eroding, Positioning};
@@ -137,7 +137,7 @@ pub fn table(cases: &mut Vec<Case>) {
             }
             Ok(())
         }));
-        add(Case::new("encoder cut", scene, Named(ENCODER, STANDS_US), wired(|w| w.encoder_dead = true)));
+        add(Case::new("encoder cut", scene, Named(ENCODER, STANDS_US), wired(|w| w.encoder = Cable::CUT)));
         add(Case::new(
             "bus voltage 30 V",
             scene,

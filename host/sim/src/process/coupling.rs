@@ -2,13 +2,13 @@
 //!
 //! A discharge begins within nanoseconds at amperes beside the cables of the head. A conversion that it meets is off by some
 //! volts either way; receivers of the encoder may show a pulse on A and B together, which is no count and two illegal
-//! transitions. Lines that are cut show every discharge, and A alone, as if the scale trembled by a count. All levels are assumed;
+//! transitions. A line that is cut shows every discharge, and of two that are A alone, as if the scale trembled by a count. All levels are assumed;
 //! without them nothing is drawn.
 
 use super::lines::CYCLES_PER_US;
 use super::model::Stretch;
 use super::random::{Cause, Random};
-use super::{Installation, Sensors};
+use super::{Cable, Installation, Sensors};
 use edm_hal_shim::encoder::Levels;
 use edm_process::Edge;
 use edm_servo_head::units::ADC_FULL_SCALE;
@@ -44,12 +44,12 @@ impl Coupling {
     }
 
     /// Disturbs what a tick that began at `from` (us) and at the count `clock` has shown under these stretches, the oldest first.
-    /// The encoder had the levels `before` at its beginning; its lines are whole, or cut.
+    /// The encoder had the levels `before` at its beginning; this is its cable.
     pub fn disturb(
         &mut self,
         sensors: &mut Sensors,
         (from, clock): (f64, u32),
-        (before, cut): (Levels, bool),
+        (before, cable): (Levels, Cable),
         stretches: &[Stretch],
     ) {
         if self.gap == 0.0 && self.bus == 0.0 && self.edges == 0.0 {
@@ -65,8 +65,10 @@ impl Coupling {
                 *code = off(*code, self.gap * (2.0 * gap - 1.0));
             }
             sensors.drive.bus_voltage = off(sensors.drive.bus_voltage, self.bus * (2.0 * bus - 1.0));
+            let cut = cable.a_cut || cable.b_cut;
             if hit < self.edges || cut && self.edges > 0.0 {
-                pulse(sensors, clock, (us * CYCLES_PER_US) as u32, (before, !cut));
+                let hit = (!cut || cable.a_cut, !cut || !cable.a_cut);
+                pulse(sensors, clock, (us * CYCLES_PER_US) as u32, (before, hit));
             }
         }
     }
@@ -82,13 +84,13 @@ fn off(code: u16, by: f64) -> u16 {
     (f64::from(code) + by).round().clamp(0.0, f64::from(ADC_FULL_SCALE)) as u16
 }
 
-/// A pulse on A, and perhaps on B, so many cycles after the clock, unless an edge comes within it.
-fn pulse(sensors: &mut Sensors, clock: u32, at: u32, (before, both): (Levels, bool)) {
+/// A pulse on A, on B, or on both, so many cycles after the clock, unless an edge comes within it.
+fn pulse(sensors: &mut Sensors, clock: u32, at: u32, (before, (on_a, on_b)): (Levels, (bool, bool))) {
     let age = |time: u32| time.wrapping_sub(clock);
     let place = sensors.edges.partition_point(|(time, _)| age(*time) < at);
     let level = place.checked_sub(1).and_then(|last| sensors.edges.get(last)).map_or(before, |(_, levels)| *levels);
     if sensors.edges.get(place).is_none_or(|(time, _)| age(*time) > at + PULSE) {
-        let hit = Levels { a: !level.a, b: level.b ^ both, ..level };
+        let hit = Levels { a: level.a ^ on_a, b: level.b ^ on_b, ..level };
         let time = clock.wrapping_add(at);
         sensors.edges.splice(place..place, [(time, hit), (time.wrapping_add(PULSE), level)]);
     }

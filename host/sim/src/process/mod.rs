@@ -20,7 +20,7 @@ mod random;
 mod scale;
 pub mod steps;
 
-pub use crate::events::FaultInputs;
+pub use crate::events::{Cable, FaultInputs};
 pub use edm_process::Pulses;
 use edm_process::Setting;
 use edm_servo_head::technology::Pulse;
@@ -298,7 +298,7 @@ impl Process {
         self.steps.advance(self.fault_inputs.step_hz);
         self.front.stuck = self.fault_inputs.stuck_code;
         self.front.gate_lost = self.fault_inputs.gate_lost;
-        self.scale.dead = self.fault_inputs.encoder_dead;
+        self.scale.begin(self.fault_inputs.encoder);
 
         let permission = std::mem::take(&mut self.permission);
         let faults = &self.fault_inputs;
@@ -334,7 +334,7 @@ impl Process {
         self.ticks += 1;
         self.sensors.now = self.sensors.now.wrapping_add(TICK_CLOCK);
         self.sense();
-        let encoder = (levels, self.fault_inputs.encoder_dead);
+        let encoder = (levels, self.fault_inputs.encoder);
         self.coupling.disturb(&mut self.sensors, (from, clock), encoder, self.model.stretches());
         &self.sensors
     }

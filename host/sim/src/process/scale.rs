@@ -3,13 +3,19 @@
 //! Line A changes before every odd count, B before every even one, a quarter period behind A when moving toward the work
 //! [L]; a phase error shifts B. The index line is high for the one count in which a mark lies.
 
-use super::Installation;
 use super::random::{Cause, Random};
+use super::{Cable, Installation};
 use edm_hal_shim::encoder::Levels;
+use edm_servo_head::units::TICK_S;
 use rand::RngExt;
 
 /// An edge as the decoder gets it: clock time and levels after it.
 pub type Edge = (u32, Levels);
+
+/// Changes of a line that trembles, 1/s (assumed).
+const TREMBLES: f64 = 1000.0;
+/// Mean time for which a loose contact is open, and for which it is closed, s (assumed).
+const LOOSE: f64 = 0.01;
 
 /// Scale and reading head.
 #[derive(Clone, Debug)]
@@ -19,16 +25,20 @@ pub struct Scale {
     phase_error: f64,
     loss: f64,
     reversed: bool,
-    /// The lines stand still whatever moves.
-    pub dead: bool,
-    /// Half-periods of A and of B passed; together they are the count of the lines.
+    cable: Cable,
+    /// The loose contact is open; A has trembled an odd number of times.
+    opened: bool,
+    trembled: bool,
+    /// Half-periods of A and of B passed; together they are the count of the scale.
     halves: (i64, i64),
-    /// Counts that went by while the lines were dead: no counter on them has seen these.
-    missed: i64,
     /// Positions of the next edge on either side, m.
     edges: (f64, f64),
-    /// Levels of the lines between them.
+    /// Levels of the lines between them, and of the receivers, which differ in `changed` alone.
+    lines: Levels,
     levels: Levels,
+    changed: bool,
+    /// Count of a timer in encoder mode on the receivers; it started at their zero.
+    timer: i64,
     random: Random,
 }
 
@@ -42,15 +52,35 @@ impl Scale {
             phase_error: p.phase_error.into(),
             loss: p.edge_loss.into(),
             reversed: p.encoder_reversed,
-            dead: false,
+            cable: Cable::default(),
+            opened: false,
+            trembled: false,
             halves: (0, 0),
-            missed: 0,
             edges: (0.0, 0.0),
+            lines: Levels::default(),
             levels: Levels::default(),
+            changed: false,
+            timer: 0,
             random: Cause::Encoder.stream(seed),
         };
         scale.find(0.0);
+        scale.levels = scale.lines;
         scale
+    }
+
+    /// Begins a tick with this cable, whose random contacts have until then done what they do.
+    pub fn begin(&mut self, cable: Cable) {
+        let was = (self.cable, self.opened, self.trembled);
+        self.cable = cable;
+        if !cable.is_sound() {
+            let [opens, trembles]: [f64; 2] = self.random.random();
+            let step = f64::from(TICK_S);
+            self.opened = cable.loose && self.opened ^ (opens < step / LOOSE);
+            self.trembled ^= cable.trembles && trembles < step * TREMBLES;
+        } else {
+            self.opened = false;
+        }
+        self.changed |= was != (self.cable, self.opened, self.trembled);
     }
 
     /// Takes the lines to a position without an edge.
@@ -76,7 +106,20 @@ impl Scale {
         self.edges = (below / self.per_metre, above / self.per_metre);
         let (a, b) = (a & 1 == 1, b & 1 == 1);
         let index = (self.halves.0 + self.halves.1).rem_euclid(self.marks) == 0;
-        self.levels = if self.reversed { Levels { a: b, b: a, index } } else { Levels { a, b, index } };
+        self.lines = if self.reversed { Levels { a: b, b: a, index } } else { Levels { a, b, index } };
+    }
+
+    /// Shows the receivers what the lines are now, at that clock time.
+    fn show(&mut self, time: u32, edges: &mut Vec<Edge>) {
+        let Cable { a_cut, b_cut, trembles, .. } = self.cable;
+        let (was, lines) = (self.levels, self.lines);
+        let or = |cut: bool, held: bool, line: bool| if cut || self.opened { held } else { line };
+        let a = if trembles { self.trembled } else { or(a_cut, was.a, lines.a) };
+        self.levels = Levels { a, b: or(b_cut, was.b, lines.b), index: or(a_cut && b_cut, was.index, lines.index) };
+        self.timer += step(was, self.levels);
+        if self.levels != was && (self.loss == 0.0 || self.random.random::<f64>() >= self.loss) {
+            edges.push((time, self.levels));
+        }
     }
 
     /// The count at a position, without the mistakes of the lines.
@@ -89,11 +132,10 @@ impl Scale {
 
     /// Count of a timer in encoder mode on these lines; it started at their zero.
     pub fn timer(&self) -> u32 {
-        let count = self.halves.0 + self.halves.1 - self.missed;
-        (if self.reversed { -count } else { count }) as u32
+        self.timer as u32
     }
 
-    /// Levels of the lines now.
+    /// Levels of the receivers now.
     pub fn levels(&self) -> Levels {
         self.levels
     }
@@ -102,24 +144,15 @@ impl Scale {
     #[inline(always)]
     pub fn travel(&mut self, from: f64, to: f64, start: u32, ticks: f64, edges: &mut Vec<Edge>) {
         // Most pieces are shorter than a count.
-        if (to < self.edges.0 || self.edges.1 <= to) && !self.dead {
+        if to < self.edges.0 || self.edges.1 <= to || self.changed {
             self.pass(from, to, start, ticks, edges);
         }
     }
 
     #[inline(never)]
     fn pass(&mut self, from: f64, to: f64, start: u32, ticks: f64, edges: &mut Vec<Edge>) {
-        if !(self.edges.0..=self.edges.1).contains(&from) {
-            // The lines were dead on the way here. Now they jump: by one edge either way, or by both lines at once, which is
-            // no count to either counter.
-            let before = self.halves.0 + self.halves.1;
-            self.find(from);
-            let jump = self.halves.0 + self.halves.1 - before;
-            let seen = [0, 1, 0, -1][jump.rem_euclid(4) as usize];
-            self.missed += jump - seen;
-            if jump % 4 != 0 {
-                edges.push((start, self.levels()));
-            }
+        if std::mem::take(&mut self.changed) {
+            self.show(start, edges);
         }
         while to < self.edges.0 || self.edges.1 <= to {
             let (a, b) = self.halves;
@@ -134,11 +167,15 @@ impl Scale {
             };
             self.look_around();
             let share = ((place - from) / (to - from)).clamp(0.0, 1.0);
-            if self.loss == 0.0 || self.random.random::<f64>() >= self.loss {
-                edges.push((start.wrapping_add((share * ticks) as u32), self.levels()));
-            }
+            self.show(start.wrapping_add((share * ticks) as u32), edges);
         }
     }
+}
+
+/// Counts by which a change of levels takes a timer on: one, where one line alone has changed.
+fn step(from: Levels, to: Levels) -> i64 {
+    let phase = |levels: Levels| i64::from(levels.b) << 1 | i64::from(levels.a ^ levels.b);
+    [0, 1, 0, -1][(phase(to) - phase(from)).rem_euclid(4) as usize]
 }
 
 #[cfg(test)]
@@ -248,10 +285,10 @@ mod tests {
             let decoder = &mut Quadrature::new(scale.levels(), 0);
             let mut edges = Vec::new();
             let resumed = f64::from(missed) * 1e-6;
-            scale.dead = true;
+            scale.begin(Cable::CUT);
             scale.travel(0.0, resumed, 0, 100.0, &mut edges);
             assert_eq!((edges.len(), scale.timer()), (0, 0));
-            scale.dead = false;
+            scale.begin(Cable::default());
             scale.travel(resumed, resumed + 3e-6, 0, 100.0, &mut edges);
             for (time, levels) in edges {
                 decoder.edge(levels, || time);
@@ -259,5 +296,43 @@ mod tests {
             assert_eq!(scale.timer().cast_signed(), 3 + jumped);
             assert_eq!(decoder.snapshot(0).raw.count, scale.timer());
         }
+    }
+
+    /// Counts of both counters after 100 ms at 1 mm/s with such a cable, each tick; illegal transitions.
+    fn counts(cable: Cable) -> (Vec<i32>, u32) {
+        let mut scale = Scale::new(&Installation::default(), 1);
+        let decoder = &mut Quadrature::new(scale.levels(), 0);
+        let counts = (0..2000u32).map(|tick| {
+            let mut edges = Vec::new();
+            scale.begin(cable);
+            let at = |tick: u32| f64::from(tick) * 50e-9;
+            scale.travel(at(tick), at(tick + 1), tick * TICK, f64::from(TICK), &mut edges);
+            for (time, levels) in edges {
+                decoder.edge(levels, || time);
+            }
+            assert_eq!(decoder.snapshot(0).raw.count, scale.timer());
+            scale.timer().cast_signed()
+        });
+        let counts = counts.collect();
+        (counts, decoder.snapshot(0).illegal)
+    }
+
+    #[test]
+    fn one_line_alone_trembles_by_a_count() {
+        for cable in [Cable { a_cut: true, ..Cable::default() }, Cable { b_cut: true, ..Cable::default() }] {
+            let (counts, illegal) = counts(cable);
+            assert!(counts.iter().all(|count| (-1..=1).contains(count)) && illegal == 0);
+            assert!(counts.windows(2).filter(|pair| pair[0] != pair[1]).count() >= 49);
+        }
+    }
+
+    #[test]
+    fn a_line_that_trembles_counts_up_and_down_and_a_loose_contact_loses_what_passes_while_it_is_open() {
+        let (noisy, _) = counts(Cable { trembles: true, ..Cable::default() });
+        assert!(noisy.windows(2).filter(|pair| pair[0] != pair[1]).count() > 90);
+        assert!(noisy.iter().all(|count| count.abs() < 40), "{noisy:?}");
+        let (loose, _) = counts(Cable { loose: true, ..Cable::default() });
+        let longest = loose.chunk_by(|a, b| a == b).map(<[i32]>::len).max().unwrap();
+        assert!(longest > 100 && (20..80).contains(loose.last().unwrap()), "{longest} ticks, {loose:?}");
     }
 }

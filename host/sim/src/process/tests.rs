@@ -193,7 +193,7 @@ fn every_fault_input_shows_where_it_should() {
 #[test]
 fn a_dead_encoder_hides_the_motion_and_a_faulty_bridge_stops_it() {
     let mut process = weightless(&[]);
-    process.fault_inputs.encoder_dead = true;
+    process.fault_inputs.encoder = Cable::CUT;
     run(&mut process, Drive::Duty(500), false, 0.02);
     assert_eq!((process.sensors().timer_count, process.sensors().edges.len()), (0, 0));
     assert!(process.truth().position_um > 50.0);
@@ -334,7 +334,7 @@ fn lines_that_are_cut_show_every_discharge_on_a_alone() {
     let values = [("scale.spark_edges", 1e-4)];
     let mut process = Process::new(Plant::with(&values).unwrap(), 1).unwrap();
     process.hold_gap(30.0, 0.0);
-    process.fault_inputs.encoder_dead = true;
+    process.fault_inputs.encoder = Cable::CUT;
     let (mut pulses, still) = (0, process.sensors().levels);
     for _ in 0..2000 {
         let seen = process.advance(Drive::Coast, true);
