@@ -6,9 +6,9 @@ use crate::process::{Process, Pulses, Truth};
 use crate::run::{FaultEvent, Job, Observer, Outcome, Progress, RowOutcome, Sample};
 use edm_gcode::Program;
 use edm_servo_head::gap::{GapSource, Voltage};
-use edm_servo_head::head::{Command, Reason, SeenBy, State, Structure};
+use edm_servo_head::head::{Command, Finding, Reason, SeenBy, State, Structure};
 use edm_servo_head::path::{AHEAD, Piece, Shape};
-use edm_servo_head::settings::{SettingError, Settings};
+use edm_servo_head::settings::{Declared, SettingError, Settings, Value};
 use edm_servo_head::units::{Fixed, Nanometres, TICK_HZ};
 use edm_technology::File;
 use std::ops::RangeInclusive;
@@ -38,6 +38,102 @@ pub fn check(setup: &Setup) -> Result<(), SettingError> {
         return Err(SettingError::Conflict { field: "workpiece.surface_mm", rule });
     }
     Ok(())
+}
+
+/// Signal that moves the workpiece.
+const RAISED: &str = "workpiece.raised_mm";
+/// Place of the workpiece during the guided check, mm above its usual one: out of the way.
+const AWAY_MM: f64 = -100.0;
+/// Longest guided check, its two strokes left out, s.
+const CHECK_S: f64 = 60.0;
+
+/// Why a guided check did not pass.
+enum Ended {
+    /// By what the head found.
+    Found(Finding),
+    /// By a refusal, a fault or the time, in words.
+    Otherwise(String),
+}
+
+/// Whether a head passes the guided check. `scenario` has the values of a built-in scenario before a change: where the head there believes
+/// in a wrong mass or counterbalance, and the change leaves both, the check is made with the right ones.
+///
+/// # Errors
+/// Why the head does not pass: what it found, and each of its settings that the finding names, with the value.
+pub fn guided_check(setup: &Setup, scenario: Option<&Setup>, seed: u64) -> Result<(), String> {
+    let mut ended = commission(setup, &setup.head, seed);
+    let believed = |head: &Settings| [head.axis_mass, head.axis_counterbalance];
+    if let Some(scenario) = scenario
+        && ended.is_err()
+        && believed(&setup.head) == believed(&scenario.head)
+    {
+        let mut right = scenario.head;
+        for _ in 0..2 {
+            match commission(scenario, &right, seed) {
+                Err(Ended::Found(Finding::Mass(found))) => right.axis_mass = found.measured as f32 * 1e-3,
+                Err(Ended::Found(Finding::Counterbalance(found))) => {
+                    right.axis_counterbalance = found.measured as f32 * 1e-3;
+                }
+                _ => break,
+            }
+        }
+        if believed(&right) != believed(&scenario.head) {
+            let [axis_mass, axis_counterbalance] = believed(&right);
+            ended = commission(setup, &Settings { axis_mass, axis_counterbalance, ..setup.head }, seed);
+        }
+    }
+    let why = match ended {
+        Ok(()) => return Ok(()),
+        Err(Ended::Found(finding)) => found(setup, &finding),
+        Err(Ended::Otherwise(why)) => why,
+    };
+    Err(format!("{}: a real head stops in its guided check, and cannot be enabled: {why}", setup.name))
+}
+
+/// The guided check of a head with these settings, at its upper stop above no workpiece, in a machine of its own.
+fn commission(setup: &Setup, settings: &Settings, seed: u64) -> Result<(), Ended> {
+    let settings = Settings { commissioned: false, ..*settings };
+    let mut plant = setup.process;
+    plant.set("model.depth_um", Value::Number(0.0)).map_err(|error| Ended::Otherwise(error.to_string()))?;
+    let mut machine = Machine::new(plant, &settings, seed).map_err(|error| Ended::Otherwise(setup.refusal(error)))?;
+    machine.process.happen(RAISED, Value::Number(AWAY_MM)).map_err(|_| Ended::Otherwise(RAISED.into()))?;
+    let rest = |machine: &mut Machine| (0..REST).for_each(|_| machine.tick());
+    rest(&mut machine);
+    machine.command(Command::Commission).map_err(|refused| Ended::Otherwise(refused.to_string()))?;
+    // Each stroke may take twice the time that it should.
+    let strokes_s = 4e-3 * f64::from(settings.axis_stroke / settings.commission_velocity);
+    for _ in 0..((CHECK_S + strokes_s) * f64::from(TICK_HZ)) as u64 {
+        if matches!(machine.status().state, State::Disabled | State::Fault) {
+            break;
+        }
+        machine.tick();
+    }
+    rest(&mut machine);
+    match (machine.next_check(), machine.status().fault) {
+        (Some(Ok(_)), _) => Ok(()),
+        (Some(Err(finding)), _) => Err(Ended::Found(finding)),
+        (None, Some(fault)) => Err(Ended::Otherwise(format!("fault {}", fault.name()))),
+        (None, None) => Err(Ended::Otherwise("no result".into())),
+    }
+}
+
+/// A finding in words, with the settings that it names as they are.
+fn found(setup: &Setup, finding: &Finding) -> String {
+    let text = match *finding {
+        Finding::Stroke(counts) if counts > 0 => {
+            let um = counts as f64 * f64::from(setup.head.encoder_count);
+            let share = f64::from(setup.head.commission_tolerance) * 1e-2;
+            let [least, most] = [um / (1.0 + share), um / (1.0 - share)];
+            format!(
+                "axis.stroke_um measures {um:.0}, and may be set from {least:.0} to {most:.0}, unless encoder.count_um is wrong"
+            )
+        }
+        _ => finding.to_string(),
+    };
+    let words: Vec<&str> = text.split([' ', ',', ':']).collect();
+    let named = Settings::FIELDS.iter().map(|field| field.key).filter(|key| words.contains(key));
+    let set: Vec<String> = named.filter_map(|key| Some(format!("{key} = {}", setup.value(key)?))).collect();
+    if set.is_empty() { text } else { format!("{text}; set are {}", set.join(", ")) }
 }
 
 /// Deepest hole of a head that a coarse axis carries, mm.

@@ -158,8 +158,12 @@ impl<P: Declared + Default, H: Declared + Default> Scenario<P, H> {
     /// A refusal by the machine in words, with the value that caused it.
     pub fn refusal(&self, error: SettingError) -> String {
         let SettingError::Conflict { field, rule } = error else { return error.to_string() };
-        let value = value_of(&self.process, field).or_else(|| value_of(&self.head, field));
-        value.map_or_else(|| error.to_string(), |value| format!("{field} = {value}: {rule}"))
+        self.value(field).map_or_else(|| error.to_string(), |value| format!("{field} = {value}: {rule}"))
+    }
+
+    /// Value of the process or the head with this key, as a person would type it.
+    pub fn value(&self, key: &str) -> Option<String> {
+        value_of(&self.process, key).or_else(|| value_of(&self.head, key))
     }
 }
 

@@ -17,6 +17,7 @@ fn folder() -> TempDir {
     let head = "title = \"T\"\ndescription = \"D\"\n";
     write("good.toml", &format!("{head}[head]\n\"gap.setpoint_v\" = 55\n"));
     write("broken.toml", &format!("{head}[head\n"));
+    write("heavy.toml", &format!("{head}[head]\n\"axis.mass_kg\" = 0.4\n"));
     write("unknown.toml", &format!("{head}[head]\n\"gap.setpoint\" = 55\n"));
     write("range.toml", &format!("{head}[process]\n\n\"model.on_us\" = nan\n"));
     write("type.toml", &format!("{head}[head]\n\"gap.setpoint_v\" = true\n"));
@@ -114,6 +115,42 @@ fn values_that_do_not_fit_together_are_refused() {
     refused(&["--set", "gap.setpoint_v=80"], &["gap.setpoint_v = 80", "must be below gap.open_min_v"]);
     refused(&["--set", "workpiece.surface_mm=11.9"], &["workpiece.surface_mm = 11.9", "limit.lower_mm"]);
     refused(&["--scenario", "conflict.toml"], &["model", "burn_v must be below open_v"]);
+}
+
+#[test]
+fn a_head_that_does_not_pass_its_guided_check_does_not_bore() {
+    let check = "a real head stops in its guided check";
+    let open = ["gap.open_v measures 149.9", "may be set from 112.4", "gap.open_v = 100"];
+    refused(&["--set", "axis.counterbalance_n=100"], &[check, "axis.counterbalance_n=100", "polarity wrong"]);
+    let scaled = ["--set", "gap.volts_per_code=0.15", "--set", "retreat.velocity_um_s=50000"];
+    refused(&scaled, &[&[check][..], &open].concat());
+    // Where the scenario's own head believes in another mass, the check goes past the mass.
+    refused(&["--scenario", "sinker-0.4kg", "--set", "gap.volts_per_code=0.15"], &[&[check][..], &open].concat());
+    refused(
+        &["--scenario", "sinker-0.4kg", "--set", "axis.mass_kg=0.1"],
+        &["axis.mass_kg measures 0.400", "axis.mass_kg = 0.1"],
+    );
+    refused(&["--set", "axis.stroke_um=18000"], &["axis.stroke_um measures 12000", "from 10909 to 13333", "= 18000"]);
+    refused(&["--set", "wiring.gap_reversed=true"], &[check, "change gap.reversed", "gap.reversed = false"]);
+    refused(&["--set", "gap.open_min_v=110"], &[check, "less than gap.open_min_v"]);
+    refused(&["--scenario", "heavy.toml"], &[check, "heavy.toml", "axis.mass_kg = 0.4"]);
+}
+
+#[test]
+fn the_guided_check_leaves_the_hole_as_it_was() {
+    let folder = folder();
+    let bored = |words: &[&str]| {
+        let output = run(folder.path(), &[&["bore", "--depth-mm", "0.002", "--json", "r.json"], words].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        let report = report(folder.path());
+        ["depth_mm", "sim_time_s", "gap_um"].map(|key| (key, report[key].clone()))
+    };
+    // Set to what the scenario says anyway.
+    for (scenario, set) in [("default", "gap.setpoint_v=65"), ("cavity", "model.radius_um=10000")] {
+        let alone = bored(&["--scenario", scenario]);
+        assert!(alone.iter().all(|(_, value)| !value.is_null()), "{alone:?}");
+        assert_eq!(bored(&["--scenario", scenario, "--set", set]), alone, "{scenario}");
+    }
 }
 
 #[test]
@@ -321,11 +358,11 @@ fn the_same_seed_gives_the_same_report_and_another_seed_another() {
 #[test]
 fn a_hole_that_is_not_bored_is_exit_code_1_and_says_why() {
     let folder = folder();
-    // The generator of the head's defaults gives more than gap.open_min_v.
-    for (wrong, fault) in
-        [("wiring.gap_reversed=true", "gap leads swapped"), ("gap.open_min_v=110", "open-circuit voltage low")]
-    {
-        let words: Vec<&str> = SHALLOW.into_iter().chain(["--set", wrong]).collect();
+    for (signal, fault) in [("stop.open", "emergency stop"), ("dielectric.lost", "dielectric not OK")] {
+        let text =
+            format!("title = \"T\"\ndescription = \"D\"\n[[event]]\nat_s = 0.1\nsignal = \"{signal}\"\nvalue = true\n");
+        fs::write(folder.path().join("event.toml"), text).unwrap();
+        let words: Vec<&str> = SHALLOW.into_iter().chain(["--scenario", "event.toml"]).collect();
         let output = run(folder.path(), &words);
         let stdout = String::from_utf8(output.stdout).unwrap();
         assert_eq!(output.status.code(), Some(1), "{stdout}");

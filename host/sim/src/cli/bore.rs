@@ -6,7 +6,8 @@ use crate::observe::{Recorder, Run};
 use crate::output::Output;
 use crate::progress::Bar;
 use crate::report::{Report, Summary};
-use crate::run::Job;
+use crate::run::{Job, Setup};
+use crate::scenario::BUILT_IN;
 use crate::terminal::{Failure, say};
 use clap::Args;
 use edm_gcode::Program;
@@ -62,6 +63,7 @@ impl Bore {
             take_table(&mut job, table)
                 .map_err(|wrong| Failure::BadInput(format!("--table {}: {wrong}", table.display())))?;
         }
+        self.check(&job).map_err(Failure::BadInput)?;
         let outputs = self.claim().map_err(Failure::BadInput)?;
         let mut recorder = Recorder::new(outputs.trace.as_ref(), outputs.plot.is_some()).map_err(Failure::Failed)?;
 
@@ -81,6 +83,16 @@ impl Bore {
         }
         self.write(outputs, recorder, &report, &job).map_err(Failure::Failed)?;
         Ok(outcome.completed)
+    }
+
+    /// The guided check of values other than those of a scenario that comes with the program.
+    fn check(&self, job: &Job) -> Result<(), String> {
+        let Inputs { scenario, set, .. } = &self.inputs;
+        match BUILT_IN.iter().find(|(name, _)| name == scenario) {
+            Some(_) if set.is_empty() => Ok(()),
+            Some((name, _)) => bore::guided_check(&job.setup, Some(&Setup::load(name)?), job.seed),
+            None => bore::guided_check(&job.setup, None, job.seed),
+        }
     }
 
     fn claim(&self) -> Result<Outputs, String> {
