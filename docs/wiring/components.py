@@ -129,7 +129,8 @@ PARTS = expanded(
         "C307": part("10 n", 10),
         # Sheet 4: signals.
         "R401..R403": part("120", 1),
-        "U401": part("SN65HVD75", rating="three of them as receivers", threshold_high_v=-0.020),
+        "U401": part("MAX14891E", rating="four RS-422 receivers, each with a fault output"),
+        "R423": part("4.7 k", 5),
         "R404..R405": part("60.4", 1),
         "C401": part("4.7 n", 10),
         "L401": part("51 µ"),

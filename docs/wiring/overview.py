@@ -131,7 +131,7 @@ def supplies(s):
     rows = [
         ("48 V", "drive, 5 A, SELV (sheet 3)", POWER),
         ("24 V", "contacts, relays, valve, sense supply, 2 A, SELV", POWER),
-        ("5 V", "from 24 V; encoder, U408", "black"),
+        ("5 V", "from 24 V; encoder, U401, U408", "black"),
         ("3V3", "from 5 V, 300 mA", "black"),
         ("3V3A", "3V3 by 600 Ω ferrite, 10 µ: VDDA, U20x, U304", "black"),
         ("VBAT", f"BT101 {label('BT101')} CR2032 by D101 {label('D101')}, C101 {label('C101')}", "black"),
@@ -145,7 +145,7 @@ def processor(s):
     """Every pin that is used, with its number in the 64-pin package and the sheet it goes to."""
     s.heading(36.6, 35.2, "STM32F405RG, LQFP64")
     named = [(f"{p.number}  {p.pin}", p.short + (f" ({p.sheet})" if p.sheet > 1 else ""), p.signal) for p in PINS]
-    left = [(pin, net) for pin, net, signal in named if signal not in OUTPUTS]
+    left = [(pin, net) for pin, net, signal in named if signal not in OUTPUTS] + [("24  PC4", "encoder fault (4)")]
     right = [(pin, net) for pin, net, signal in named if signal in OUTPUTS] + [
         ("46  PA13", "SWDIO"),
         ("49  PA14", "SWCLK"),

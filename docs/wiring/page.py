@@ -9,7 +9,7 @@ import re
 
 import components
 from book import short, unit
-from pins import ALTERNATE, FREE, OTHERS, PINS
+from pins import ALTERNATE, FREE, OTHERS, OTHERS_DISC, PINS
 
 MARKED = re.compile(r"<!--=([\w. ]+)-->(.*?)<!--/-->", re.S)
 
@@ -49,12 +49,13 @@ def with_alternate(function):
 def pin_table(book):
     body = [
         (p.text, p.pin, str(p.number), with_alternate(p.function), level(p.level, book), str(p.sheet)) for p in PINS
-    ] + OTHERS
+    ] + [(*row[:4], level(row[4], book), row[5]) for row in OTHERS]
     return rows(("signal", "pin", "no.", "function", "level, and pull on the board", "sheet"), body)
 
 
 def disc_table(_):
-    body = [(p.text, p.pin, p.disc, p.why) for p in PINS if p.disc] + [("all others", "", "as the 64-pin head", "")]
+    body = [(p.text, p.pin, p.disc, p.why) for p in PINS if p.disc] + OTHERS_DISC
+    body.append(("all others", "", "as the 64-pin head", ""))
     return rows(("signal", "64-pin", "DISC1", "why"), body)
 
 

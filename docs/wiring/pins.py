@@ -61,12 +61,16 @@ PINS = [
 
 # Pins that no signal of the firmware owns.
 OTHERS = [
+    ("encoder fault (not read yet)", "PC4", "24", "GPIO, EXTI4", "low = a pair is open or shorted, {R423} up", "4"),
     ("debug probe", "PA13, PA14, NRST", "46, 49, 7", "SWD", "100 nF at NRST", "1"),
     ("crystal", "PH0, PH1", "5, 6", "HSE", "8 MHz, its load capacitors", "1"),
     ("boot", "BOOT0", "60", "", "10 k down", "1"),
 ]
 
-FREE = "PA5, PA7, PA9..PA12, PB3, PB6, PB11, PC4, PC5, PC14, PC15"
+# Of them on STM32F407G-DISC1 elsewhere.
+OTHERS_DISC = [("encoder fault (not read yet)", "PC4", "PE4, GPIO, EXTI4", "PC4 is the gap current")]
+
+FREE = "PA5, PA7, PA9..PA12, PB3, PB6, PB11, PC5, PC14, PC15"
 
 # Alternate function of what a pin does, [DS] table of alternate functions.
 ALTERNATE = {"TIM1": "AF1", "TIM2": "AF1", "TIM4": "AF2", "TIM5": "AF2", "TIM8": "AF3", "TIM13": "AF9", "CAN1": "AF9"}

@@ -8,42 +8,57 @@ from sheet import POWER, Sheet
 
 
 def encoder(s):
-    """Three differential lines to three 3.3 V pins; an undriven line reads high."""
+    """Three differential lines to three 3.3 V pins; one line tells that a pair is open or shorted."""
     s.heading(0.6, 35.2, "Encoder: RS-422")
     y = 24.8
-    lines = [("A", 8.0, "PA0 encoder A", 401), ("B", 4.9, "PA1 encoder B", 402), ("I", 1.8, "PA2 index", 403)]
-    for i, (n, offset, pin, r) in enumerate(lines):
-        u = s.chip(
-            7.4,
-            y + offset - 1.9,
-            4.6,
-            2.6,
-            f"U401{'ABC'[i]}\n{label('U401')}",
-            left=[(1.9, n + "+"), (0.7, n + "−")],
-            right=[(1.3, "R")],
-        )
+    lines = [
+        ("A", "A", 8.0, "PA0 encoder A", 401),
+        ("B", "B", 4.9, "PA1 encoder B", 402),
+        ("I", "Z", 1.8, "PA2 index", 403),
+    ]
+    u = s.chip(
+        7.4,
+        y,
+        5.4,
+        8.8,
+        f"U401\n{label('U401')}",
+        left=[(offset - d, pin + sign) for _, pin, offset, _, _ in lines for sign, d in (("+", 0), ("−", 1.2))],
+        right=[(offset - d, pin + what) for _, pin, offset, _, _ in lines for what, d in (("O", 0), ("FAULT", 1.2))],
+        top=[(1.5, "VCC"), (3.9, "VL")],
+    )
+    s.rail(*u["VCC"], "5 V")
+    s.rail(*u["VL"], "3V3")
+    bus = 18.0
+    for n, pin, offset, net, r in lines:
         for sign in ("+", "−"):
-            x, yy = u[n + sign]
+            x, yy = u[pin + sign]
             s.terminal(1.9, yy, n + sign)
             s.wire((2.1, yy), (x, yy))
             s.dot(4.2, yy)
         s.fit(elm.Resistor, (4.2, y + offset), (4.2, y + offset - 1.2), f"R{r}")
-        s.flag(*u["R"], pin)
+        s.flag(*u[pin + "O"], net)
+        x, yy = u[pin + "FAULT"]
+        s.wire((x, yy), (bus, yy))
+        s.dot(bus, yy)
+    (_, top), (_, middle), (_, low) = u["AFAULT"], u["BFAULT"], u["ZFAULT"]
+    s.wire((bus, low), (bus, top))
+    s.fit(elm.Resistor, (bus, top), (bus, top + 2.0), "R423")
+    s.rail(bus, top + 2.0, "3V3")
+    s.wire((bus, middle), (18.8, middle))
+    s.flag(18.8, middle, "PC4 encoder fault")
     s.note(
         0.8,
-        24.3,
-        "U401A..C on 3V3 as receivers (DE, RE low), 100 nF each. Cable screened, screen to earth at the board end; 5 V and 0 V\n"
-        "for the encoder in the same cable, fuse 0.5 A. A leads B by a quarter when moving toward the work.",
+        24.1,
+        "U401: 100 nF at VCC and VL, pad to 0 V, fourth receiver not used. Cable screened, screen to earth at the board end; 5 V and\n"
+        "0 V for the encoder in the same cable, fuse 0.5 A. A leads B by a quarter when moving toward the work.",
     )
     s.note(
-        18.6,
-        33.6,
-        "Open, shorted or undriven pair: 0 V.\n"
-        f"Threshold at most {data('U401', 'threshold_high_v') * 1e3:.0f} mV: reads high,\n"
-        "and stays high: no false count.\n"
-        "One pair failed: the count alternates\n"
-        "by one. All failed: it stands still.\n"
-        "Both are detected: encoder lost.",
+        18.8,
+        27.2,
+        "Fault outputs: open drain, low (assumed).\n"
+        "Open, shorted or undriven pair: 0 V, PC4\n"
+        "low. No bias resistors at the pairs: they\n"
+        "could hide an open one.",
     )
 
 
