@@ -66,7 +66,7 @@ pub use plan::{Hazards, Plan, Touch};
 pub use planner::{Evidence, Planner};
 pub use positioning::{Home, HomingState, MotionLimits};
 pub use probe::{Edge, Latched, PROBES, Probe, ProbeInputs, Source, Wanted};
-pub use restraint::Config as RestraintConfig;
+pub use restraint::{Config as RestraintConfig, Truth, strike};
 pub use rhythm::Config as JumpRhythm;
 pub use state::{Change, ChangeLog, Reason, State, TRANSITIONS};
 pub use steps::{Config as StepConfig, Unfollowed};

@@ -942,11 +942,11 @@ function view() {
 
 // What an identification has found: a row each, beside the setting.
 function values_are(values) {
-  const known = values.some(({ value }) => value !== 0);
+  const known = values.some(({ value }) => value);
   $("found-values").replaceChildren(...(known ? values : []).map(({ name, key, unit, value, uncertainty, set }) => {
-    const differs = set !== null && Math.abs(set - value) > uncertainty;
+    const differs = value === null || set !== null && Math.abs(set - value) > uncertainty;
     const row = document.createElement("tr");
-    const cells = [name, value.toPrecision(4), `\u00b1 ${uncertainty.toPrecision(2)}`, unit, set === null ? "" : `${Number(set.toPrecision(5))}`, differs ? "differs" : ""];
+    const cells = [name, value?.toPrecision(4) ?? "not bounded", uncertainty === 0 ? "at most" : `\u00b1 ${uncertainty.toPrecision(2)}`, unit, set === null ? "" : `${Number(set.toPrecision(5))}`, differs ? "differs" : ""];
     row.append(...cells.map((text) => item("td", text)));
     row.title = key ?? "";
     row.classList.toggle("differs", differs);

@@ -7,6 +7,9 @@ use crate::Failure;
 use crate::head::{Head, MOVES, at};
 use crate::live::{Live, Sample};
 use crate::sdo::Address;
+use edm_servo_head::head::{Truth, strike as strike_of};
+use edm_servo_head::servo::{GRAVITY, Plant};
+use edm_servo_head::units::{Newtons, Volts};
 use serde::Serialize;
 use std::time::{Duration, Instant};
 
@@ -60,6 +63,9 @@ impl Value {
     /// A line of a table.
     pub fn text(&self) -> String {
         let Value { name, unit, value, uncertainty, set, .. } = self;
+        if !value.is_finite() {
+            return format!("{name:16} not bounded: the settings are too far from these values\n");
+        }
         let set = match set {
             Some(set) if self.contradicts() => format!("set to {set:.4}: differs"),
             Some(set) => format!("set to {set:.4}"),
@@ -184,7 +190,42 @@ pub fn values(head: &Head) -> Result<Vec<Value>, Failure> {
         let set = key.map(|key| head.setting(key)).transpose()?;
         Ok(Value { name, key, unit, value: number(sub)?, uncertainty: number(sub + 1)?, set })
     };
-    VALUES.iter().map(found).collect()
+    let mut values = VALUES.iter().map(found).collect::<Result<Vec<_>, Failure>>()?;
+    let force = strike(head, &values)?;
+    values.push(Value { name: "dead encoder", key: None, unit: "N", value: force, uncertainty: 0.0, set: None });
+    Ok(values)
+}
+
+/// Greatest force, N, with which the head strikes the work if its encoder dies at rest: with the settings as they are, and these values as
+/// uncertain as they are. Infinite where that is not bounded.
+fn strike(head: &Head, values: &[Value]) -> Result<f64, Failure> {
+    let set = |key| head.setting(key).map(|number| number as f32);
+    let plant = Plant {
+        mass_kg: set("axis.mass_kg")?,
+        resistance_ohm: set("axis.resistance_ohm")?,
+        inductance_h: 1e-3 * set("axis.inductance_mh")?,
+        force_constant: set("axis.force_constant_n_a")?,
+        bus: Volts(set("axis.bus_v")?),
+        counterbalance: Newtons(set("axis.counterbalance_n")?),
+        counts_per_m: 1e6 / set("encoder.count_um")?,
+    };
+    let between = |name| {
+        let found = values.iter().find(|value| value.name == name);
+        found.map_or([f64::NAN; 2], |found| [found.value - found.uncertainty, found.value + found.uncertainty])
+    };
+    let [mass, heaviest] = between("mass");
+    let ([ohm, most_ohm], [constant, most_constant]) = (between("resistance"), between("force constant"));
+    // What the motor holds is measured; the weight is calculated from the mass, and so is the counterbalance.
+    let (balance, weight) = (between("counterbalance"), f64::from(GRAVITY) * 0.5 * (mass + heaviest));
+    let unsure = (0.5 * (balance[1] - balance[0]) - f64::from(GRAVITY) * 0.5 * (heaviest - mass)).max(0.0);
+    let truth = Truth {
+        mass: mass as f32,
+        per_volt: [constant / most_ohm, most_constant / ohm].map(|force| force as f32),
+        net: (weight - 0.5 * (balance[0] + balance[1]) + unsure) as f32,
+        sliding: between("sliding friction")[0] as f32,
+    };
+    let [friction, press] = [set("axis.breakaway_n")?, set("contact.press_n")?].map(Newtons);
+    Ok(strike_of(&plant, friction, press, &truth).map_or(f64::INFINITY, |force| force.0.into()))
 }
 
 /// Makes the newest values settings of a disabled head: all, or none.

@@ -513,6 +513,9 @@ fn a_head_is_identified_by_command_and_the_values_become_settings() {
             "{value}"
         );
     }
+    let strike = &outcome["values"][7];
+    let force = strike["value"].as_f64().unwrap_or(f64::INFINITY);
+    assert!(strike["name"] == "dead encoder" && (1.0..5.0).contains(&force), "{strike}");
     let truth = rig.truth();
     assert_eq!((truth.state, truth.fault, truth.pulsed), (State::Disabled, None, false));
     assert!(truth.deepest < 1850, "{truth:?}");
