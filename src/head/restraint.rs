@@ -82,13 +82,13 @@ pub struct Truth {
     pub sliding: f32,
 }
 
-/// Greatest force, N, with which a head that stands near its set point strikes the work once its encoder has died. Its settings are those of `plant`,
-/// with a friction of so much and a contact that may press so hard; `truth` is calculated with as intervals. `None` where that is not bounded: the
-/// settings are too far off. A mass that is pushed on with s and strikes with v presses with s + sqrt(s^2 + k m v^2).
+/// Greatest force, N, with which a head that stands near its set point strikes the work once both lines of its encoder are dead. The settings are those
+/// of `plant`, that friction, and what a contact may press; `truth` has the ends of the intervals of the true values. `None` where the settings are too
+/// far off to bound it. A mass that is pushed on with s and strikes with v presses with s + sqrt(s^2 + k m v^2) (energy of a spring).
 pub fn strike(plant: &Plant, friction: Newtons, press: Newtons, truth: &Truth) -> Option<Newtons> {
     let (Newtons(friction), Newtons(net)) = (friction, plant.net_weight());
     let [least, most] = truth.per_volt.map(|force| force * plant.resistance_ohm / plant.force_constant);
-    // Force by which the head sinks under the duty that holds it, and what the calculated head slides with.
+    // Force by which the head sinks under the duty that is to hold it.
     let sinks = truth.net - net * if net > 0.0 { least } else { most };
     let smooth = SMOOTH * friction - UNSURE * net.abs();
     let held = larger(UNSURE * net.abs() - 0.5 * SMOOTH * friction, 0.0);

@@ -946,7 +946,9 @@ function values_are(values) {
   $("found-values").replaceChildren(...(known ? values : []).map(({ name, key, unit, value, uncertainty, set }) => {
     const differs = value === null || set !== null && Math.abs(set - value) > uncertainty;
     const row = document.createElement("tr");
-    const cells = [name, value?.toPrecision(4) ?? "not bounded", uncertainty === 0 ? "at most" : `\u00b1 ${uncertainty.toPrecision(2)}`, unit, set === null ? "" : `${Number(set.toPrecision(5))}`, differs ? "differs" : ""];
+    const found = [value?.toPrecision(4), uncertainty === 0 ? "at most" : `\u00b1 ${uncertainty.toPrecision(2)}`, unit];
+    const unbound = ["not bounded", "", "", "", "take the values over"];
+    const cells = [name, ...(value === null ? unbound : [...found, set === null ? "" : `${Number(set.toPrecision(5))}`, differs ? "differs" : ""])];
     row.append(...cells.map((text) => item("td", text)));
     row.title = key ?? "";
     row.classList.toggle("differs", differs);
